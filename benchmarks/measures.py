@@ -1,4 +1,4 @@
-"""Numbers from solutions: integrals, extremes and differences, each next to VTK's way, with true errors of both.
+"""Numbers from solutions: integrals, extrema and differences, each next to VTK's way, with true errors of both.
 
 VTK integrates, cuts and probes linear pieces: elements refined 0, 1, 2, ... times.  Truths are closed forms where there
 is one, else sums over a Gauss rule of 12 points each way, in extended precision, which shares nothing with `integrate`

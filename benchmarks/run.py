@@ -165,7 +165,7 @@ def series(options: argparse.Namespace) -> tuple[Any, list[Table]]:
 
 
 def measure(options: argparse.Namespace) -> tuple[Any, list[Table]]:
-    """Integrals, extremes, differences."""
+    """Integrals, extrema, differences."""
     side, rounds = (60, 1) if options.quick else (1000, max(3, options.rounds // 2))
     numbers = measures.measure(options.device, side, rounds, options.quick)
     return numbers, measures.tables(numbers)

@@ -114,13 +114,13 @@ def write_page() -> None:
         data = numbers["data"]
         degrees = " to ".join(str(own) for own in sorted(set(data["degrees"])))
         what = f"{CASES[name][2]}; {data['elements_drawn']:,} elements" + (f" of degree {degrees}" if degrees else "")
-        said.append(f"- **{name}**, {what}. {numbers['verdict']}")
+        said.append(f"- **{name}**, {what}. {numbers['conclusion']}")
     PAGE.write_text(HEAD.format(size=size) + "\n".join([*rows, "", *said, ""]), encoding="utf-8")
 
 
 def table_rows(name: str, numbers: dict, times: dict) -> list[str]:
     """The rows of a case: those of its numbers that it has."""
-    rivals = {rival["key"]: rival for rival in numbers["rivals"]}
+    rivals = {rival["key"]: rival for rival in numbers["baselines"]}
     exact = {"memory": memory(numbers["data"]["bytes"]), "time": f"{short(times['exact']['exact'])} s"}
     rows = [
         [word, *(cell(word, rivals[key], times.get(key, {})) if key in rivals else "" for key in KEYS)]

@@ -97,7 +97,7 @@ def test_a_picture_has_one_note(solvers, elvis, tmp_path):
 @pytest.mark.thorough
 def test_compare_accepts_any_format(solvers, elvis, capsys):
     elvis("compare", solvers / FORMATS["vtk"][0], "--faces", "all", "--camera", "iso", "--size", "16x12",
-          "--refinements", "0", "--judge", "0")  # fmt: skip
+          "--refinements", "0", "--validate", "0")  # fmt: skip
 
 
 def test_export_accepts_any_format(solvers, elvis, tmp_path):

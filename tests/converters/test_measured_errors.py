@@ -139,7 +139,7 @@ def test_probes_norms_and_extrema_state_the_error_of_the_conversion(ngsolve, flu
 
     # ranges hold the source's values, too
     known = quantity_range(dataset, Expression.of(dataset, "flux_x"))
-    assert min(known.upper - known.greatest, known.least - known.lower) >= 0.99 * stated(dataset, "flux_x")
+    assert min(known.upper - known.maximum, known.minimum - known.lower) >= 0.99 * stated(dataset, "flux_x")
     with pytest.raises(SystemExit):
         main(["info", "--json", *map(str, paths)])
     told = {own["name"]: own["range"] for own in json.loads(capsys.readouterr().out)["fields"]}["flux_x"]

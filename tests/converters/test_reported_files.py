@@ -250,13 +250,13 @@ def test_extrema_over_steps_are_within_the_stated_error(reported, tmp_path):
     """Minima, maxima and their times at points, against those of the steps."""
     (folder,) = reported.folder.glob("N-avg1*")
     steps = sorted(folder.glob("w_?.chk"))
-    arguments = ["average", folder / "w.xml", *steps, "--extremes", "-o", tmp_path / "extremes.fld"]
+    arguments = ["average", folder / "w.xml", *steps, "--extrema", "-o", tmp_path / "extrema.fld"]
     outcome = CliRunner().invoke(group, list(map(str, arguments)))
     assert outcome.exit_code == 0
     told = dict(re.findall(r"note: (\w+): no basis holds it: its error is at most ([0-9.e+-]+)", outcome.stderr))
     points = np.random.default_rng(0).random((300, 3))
     series = open_series(folder / "w.xml", *steps)
-    found = read(folder / "w.xml", tmp_path / "extremes.fld")
+    found = read(folder / "w.xml", tmp_path / "extrema.fld")
     for name in "uv":
         values = np.array([sample(step, name, points).values[:, 0] for step in series])
         times = series.times[[values.argmin(axis=0), values.argmax(axis=0)]]

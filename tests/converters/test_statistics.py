@@ -72,14 +72,14 @@ def test_extrema_match_those_of_steps_with_their_times(tmp_path, elvis):
     """Exact where one step holds them throughout an element, else as near as is told."""
     times = [0.0, 0.5, 1.0, 1.5, 2.5]
     files = steps_of(tmp_path, times, lambda p, t: p[:, 1] + (t - 1) ** 2 * (1 + p[:, 0]))
-    elvis("average", *files, "--extremes", "--over", "time", "-o", tmp_path / "ends.fld")
+    elvis("average", *files, "--extrema", "--over", "time", "-o", tmp_path / "ends.fld")
     names = ["u_min", "u_min_time", "u_max", "u_max_time"]
     found = sample(read(files[0], tmp_path / "ends.fld"), names, POINTS)
     x, y = POINTS[:, 0], POINTS[:, 1]
     for name, truth in zip(names, (y, 1.0, y + 2.25 * (1 + x), 2.5), strict=True):
         assert np.abs(found[name] - truth).max() < 1e-12
     files = steps_of(tmp_path, times, lambda p, t: (t - 1) * (p[:, 0] - 0.6) + 0 * p[:, 1])
-    told = average(open_series(*files), with_extremes=True)
+    told = average(open_series(*files), with_extrema=True)
     assert 0.0 < told.errors["u_min"].estimate < 0.3
     least = np.min([(t - 1) * (x - 0.6) for t in times], axis=0)
     off = np.abs(sample(told.dataset, "u_min", POINTS)["u_min"] - least).max()
@@ -89,11 +89,11 @@ def test_extrema_match_those_of_steps_with_their_times(tmp_path, elvis):
 def test_extrema_are_within_their_bounds(chaotic):
     """At points that no fit has seen, on all shapes; the points of the fits alone tell a part of it."""
     folder, times = chaotic
-    command = ["average", folder / "m.xml", folder / "m_*.fld", "--extremes", "-o", folder / "ends.fld"]
+    command = ["average", folder / "m.xml", folder / "m_*.fld", "--extrema", "-o", folder / "ends.fld"]
     said = CliRunner().invoke(group, [str(word) for word in command])
     assert said.exit_code == 0
     assert "of its largest value (" in said.stderr
-    told = average(open_series(folder / "m.xml", *sorted(folder.glob("m_*.fld"))), with_extremes=True)
+    told = average(open_series(folder / "m.xml", *sorted(folder.glob("m_*.fld"))), with_extrema=True)
     points = np.random.default_rng(5).uniform(0.0, 1.0, (3000, 3)) * np.ptp(mixed_volume(seed=2).vertices, axis=0)
     names = [f"{name}_{end}{ending}" for name in "uv" for end in ("min", "max") for ending in ("", "_time")]
     values = sample(told.dataset, names, points)
@@ -113,7 +113,7 @@ def test_the_first_of_equal_extrema_counts(tmp_path):
     """A cosine in time comes back each period, off in its last digits: elsewhere in others."""
     times = [0.1, 0.6, 1.1, 1.6, 2.1, 2.6, 3.1, 3.6]
     files = steps_of(tmp_path, times, lambda p, t: p[:, 1] + (1 + p[:, 0]) * np.cos(2 * np.pi * t))
-    told = average(open_series(*files), with_extremes=True)
+    told = average(open_series(*files), with_extrema=True)
     found = sample(told.dataset, ["u_min", "u_min_time", "u_max", "u_max_time"], POINTS)
     swing = (1 + POINTS[:, 0]) * np.cos(0.2 * np.pi)
     assert np.abs(found["u_max"] - (POINTS[:, 1] + swing)).max() < 1e-12
@@ -125,7 +125,7 @@ def test_the_first_of_equal_extrema_counts(tmp_path):
 
 def test_a_step_beyond_by_more_than_rounding_counts(tmp_path):
     files = steps_of(tmp_path, [0.0, 1.0, 2.0], lambda p, t: 1 + p[:, 0] + 1e-11 * (t == 1.0))
-    found = sample(average(open_series(*files), with_extremes=True).dataset, ["u_min_time", "u_max_time"], POINTS)
+    found = sample(average(open_series(*files), with_extrema=True).dataset, ["u_min_time", "u_max_time"], POINTS)
     assert np.abs(found["u_max_time"] - 1.0).max() < 1e-12
     assert np.abs(found["u_min_time"]).max() < 1e-12
 
@@ -134,7 +134,7 @@ def test_steps_that_are_not_finite_are_excluded_from_means(tmp_path, elvis):
     """But where there are no others."""
     files = steps_of(tmp_path, [0.0, 0.5, 1.0], lambda p, t: polynomial(p, t, 1) * (np.nan if t == 0.5 else 1.0))
     for over in ("steps", "time"):
-        told = average(open_series(*files), over, with_covariances=True, with_extremes=True)
+        told = average(open_series(*files), over, with_covariances=True, with_extrema=True)
         assert np.abs(sample(told.dataset, "u", POINTS)["u"] - polynomial(POINTS, 0.5, 1)).max() < 1e-12
         assert told.dataset.metadata["AveragedSteps"] == "2"
         assert told.dataset.remarks[-1] == "means are of the steps whose values are finite"
@@ -183,7 +183,7 @@ def test_statistics_along_fourier_directions_match_those_of_values(tmp_path, nam
     for number in range(4):
         write(at(float(number)), tmp_path / "m.xml", tmp_path / f"m_{number}.fld")
     series = open_series(tmp_path / "m.xml", tmp_path / "m_*.fld")
-    told = average(series, with_covariances=True, with_extremes=True)
+    told = average(series, with_covariances=True, with_extrema=True)
     write(told.dataset, field_path=tmp_path / "mean.fld")
     mean = read(tmp_path / "m.xml", tmp_path / "mean.fld")
     points = random.uniform(0.02, 0.98, (40, 3)) * (1.0, 1.0, 2.0)
@@ -221,7 +221,7 @@ def test_extrema_along_fourier_directions_match_those_of_steps(tmp_path):
         field = replace(flat, blocks=tuple(blocks), continuous=False)
         write(replace(dataset, fields=(field,), time=float(number)), tmp_path / "m.xml", tmp_path / f"m_{number}.fld")
     series = open_series(tmp_path / "m.xml", tmp_path / "m_*.fld")
-    told = average(series, with_extremes=True)
+    told = average(series, with_extrema=True)
     points = np.random.default_rng(1).uniform(0.02, 0.98, (30, 3)) * (1.0, 1.0, 2.0)
     names = ["u_min", "u_max", "u_min_time", "u_max_time"]
     found = sample(told.dataset, names, points)

@@ -115,7 +115,7 @@ def test_the_swept_wing_is_thin_at_the_wall(cases, module):
     """Elements at the wing are much longer along it than across."""
     found = dataset(cases, "wing")
     (block,) = [block for block in geometry(found) if max(block.expansion.modes) == 3]
-    assert validity(found).range.least > 0
+    assert validity(found).range.minimum > 0
     spans = np.ptp(block.coefficients[:, :, :4], axis=2)
     assert len(block) > 500
     assert (spans[:, 1] > 5 * spans[:, 2]).sum() > 100

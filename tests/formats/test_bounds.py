@@ -428,7 +428,7 @@ def test_bounds_include_boxes_left_after_the_last_round(monkeypatch):
         text = f"{sign}1/(1 + 1e8*((x - 0.3137)^2 + (y - 0.7071)^2))"
         found = bounding.quantity_range(dataset, Expression.of(dataset, text))
         assert (found.lower <= -1) if sign else (found.upper >= 1)
-        assert max(-found.least, found.greatest) < 0.5
+        assert max(-found.minimum, found.maximum) < 0.5
 
 
 def test_sizes_of_functions_do_not_depend_on_signs():
@@ -455,7 +455,7 @@ def test_sides_shared_up_to_rounding_leave_no_gap(shift):
 def test_elements_are_positive_only_if_bounds_exceed_their_error():
     """A bound equal to its error, 0 among them, proves nothing; neither does one below 0 by no more than that."""
     lower, error = np.array([0.0, 0.1, 0.11, -0.1, -0.11]), np.array([0.0, 0.1, 0.1, 0.1, 0.1])
-    facts = SimpleNamespace(lower=lower, least=lower, error=error, is_finite=np.ones(5, bool))
+    facts = SimpleNamespace(lower=lower, minimum=lower, error=error, is_finite=np.ones(5, bool))
     status = _Facts.status.fget(facts).tolist()
     undecided = ValidityStatus.UNDECIDED
     assert status == [undecided, undecided, ValidityStatus.POSITIVE, undecided, ValidityStatus.NOT_POSITIVE]

@@ -87,7 +87,7 @@ def test_all_are_found_and_none_is_spurious(shape, bend, seed):
         found = critical_points(data(mesh, coordinates), random_texts(d, degree, seed))
     else:
         found = critical_points(data(mesh, functions, degree + 1))
-    places = np.array([point.place[:d] for point in found.points]).reshape(-1, d)
+    places = np.array([point.position[:d] for point in found.points]).reshape(-1, d)
     truth = brute_force(functions, d)
     assert found.undecided == ()
     values = np.stack([own(places) for own in functions], axis=1)
@@ -161,8 +161,8 @@ def test_a_zero_at_a_vertex_is_found_once(shape):
     functions = [lambda p, a=a: (1 + a) * (p[:, a] - 0.5) + 0.3 * (p[:, (a + 1) % d] - 0.5) for a in range(d)]
     found = critical_points(data(grid(shape, 2), functions))
     assert [(point.kind, point.index) for point in found.points] == [("node out", 1)]
-    assert found.points[0].place[:d] == pytest.approx([0.5] * d, abs=1e-12)
-    assert found.undecided == found.beside == ()
+    assert found.points[0].position[:d] == pytest.approx([0.5] * d, abs=1e-12)
+    assert found.undecided == found.near_boundary == ()
 
 
 @pytest.mark.parametrize(
@@ -186,7 +186,7 @@ def test_kinds(matrix, kind, index):
     mesh = curved(grid(Shape.TRIANGLE if d == 2 else Shape.PRISM, 1), ripple(0.02), 3)
     (point,) = critical_points(data(mesh, functions, 4)).points
     assert (point.kind, point.index) == (kind, index)
-    assert point.place[:d] == pytest.approx(centre, abs=1e-12)
+    assert point.position[:d] == pytest.approx(centre, abs=1e-12)
     order = [
         sorted(own, key=lambda z: np.round([z.imag, z.real], 6).tolist())
         for own in (point.eigenvalues, np.linalg.eigvals(matrix))
@@ -207,7 +207,7 @@ def test_a_cavity_with_walls_has_one_centre(shape):
     functions = [lambda p: bump(p[:, 0]) * slope(p[:, 1]), lambda p: -slope(p[:, 0]) * bump(p[:, 1])]
     found = critical_points(data(grid(shape, 1), functions, 8))
     assert [(point.kind, point.index) for point in found.points] == [("centre", 1)]
-    assert found.points[0].place == pytest.approx((0.5, 0.5, 0), abs=1e-10)
+    assert found.points[0].position == pytest.approx((0.5, 0.5, 0), abs=1e-10)
     assert found.undecided == ()
 
 
@@ -222,7 +222,7 @@ def test_momenta_and_components_that_are_given():
     dataset = data(mixed_plane(1), functions, names=("rho", "rhou", "rhov"))
     for velocity in (None, ["rhou", "rhov"]):
         (point,) = critical_points(dataset, velocity).points
-        assert point.place == pytest.approx((0.3, 0.2, 0), abs=1e-13)
+        assert point.position == pytest.approx((0.3, 0.2, 0), abs=1e-13)
         assert point.eigenvalues == pytest.approx(
             [-1 / (1 if velocity else 2.3), 1 / (1 if velocity else 2.3)], abs=1e-11
         )
@@ -269,11 +269,11 @@ def test_all_on_walls_are_found_and_none_is_spurious(shape, bend, seed):
     functions = random_field(2, 2, seed)
     found = wall_points(above_floor(shape, functions, bend), "floor")
     truth = brute_force(functions, 2)
-    places = np.array([point.place for point in found.points]).reshape(-1, 3)
+    places = np.array([point.position for point in found.points]).reshape(-1, 3)
     assert found.undecided == ()
     assert len(places) == len(truth)
     for point in found.points:
-        place = np.array(point.place)
+        place = np.array(point.position)
         assert np.abs(truth - place[:2]).max(axis=1).min() < 1e-10
         height, slope = hill(place[None])
         assert abs(place[2] - bend * height[0]) < 1e-12
@@ -323,7 +323,7 @@ def test_indices_on_a_ball_add_up_to_two(around_a_ball, seed):
     assert found.undecided == ()
     assert sum(point.index for point in found.points) == 2
     for point in found.points:
-        place = np.array(point.place)
+        place = np.array(point.position)
         vector = matrix @ place + shift
         off = np.linalg.norm(np.cross(vector, place / np.linalg.norm(place)))
         assert off < 0.02 * np.linalg.norm(vector)
@@ -339,7 +339,7 @@ def test_a_cavity_has_one_point_on_its_floor():
     fields = [lambda p, own=own: p[:, 2] * own(p) for own in functions] + [lambda p: 0 * p[:, 0]]
     (point,) = wall_points(data(dataset.mesh, fields, 5), "floor").points
     assert (point.kind, point.index) == ("separation focus", 1)
-    assert point.place == pytest.approx((0.4, 0.6, 0), abs=1e-10)
+    assert point.position == pytest.approx((0.4, 0.6, 0), abs=1e-10)
 
 
 def test_slip_at_walls_is_reported():

@@ -9,7 +9,7 @@ from elvis.core.dataset import Dataset
 from elvis.core.differences import diff, family
 from elvis.core.differences.overlaps import bound_of_difference
 from elvis.core.errors import ElvisError
-from elvis.core.extrema import Extreme, extrema
+from elvis.core.extrema import Extremum, extrema
 from elvis.core.integrals import integrate
 from elvis.core.patch import patches
 from elvis.core.sampling import sample
@@ -62,7 +62,7 @@ def test_the_maximum_difference_of_one_function_is_proved_to_be_rounding(first, 
             [*patches(Dataset(one.mesh, one.fields), ["p"])]
             for one in (with_p(mesh, function, 4 if bend else 3), with_p(turned(grid(second, 2)), function, 3))
         ),
-        Extreme(1e-15, np.nan, (0, 0, 0), 0),
+        Extremum(1e-15, np.nan, (0, 0, 0), 0),
     )
     assert found.value <= found.bound < 2e-11
 
@@ -116,14 +116,14 @@ def test_the_maximum_at_corners_is_found():
         with_p(grid(Shape.QUADRILATERAL, 5), peak, 5),
         with_p(grid(Shape.TRIANGLE, 3), lambda p: 0 * p[:, 0], 2),
     )
-    at_points = Extreme(0.01, np.nan, (0.0, 0.0, 0.0), -1)
+    at_points = Extremum(0.01, np.nan, (0.0, 0.0, 0.0), -1)
     found, _ = bound_of_difference(*([*patches(one, ["p"])] for one in (own, other)), at_points)
     assert found.value <= found.bound <= found.value * 1.0002
     least, greatest = extrema(own, "p")
     assert found.value == pytest.approx(max(greatest.value, -least.value), rel=1e-3)
-    values = sample(own, "p", [found.place]).values[:, 0]
+    values = sample(own, "p", [found.position]).values[:, 0]
     assert np.abs(values) == pytest.approx(found.value, abs=1e-12)
-    assert found.element == sample(own, "p", [found.place]).location.element_id[0]
+    assert found.element == sample(own, "p", [found.position]).location.element_id[0]
 
 
 def test_fields_on_curved_elements_of_both_are_bounded_by_ranges_on_boxes():
@@ -174,10 +174,10 @@ def test_parallelepipeds_are_bounded_as_closely():
         return np.sin(3 * p[:, 0] + 2 * p[:, 1]) * np.cos(2 * p[:, 2])
 
     own, other = (with_p(grid(Shape.HEXAHEDRON, count), wave) for count in (4, 3))
-    least = Extreme(1e-6, np.nan, (0.0, 0.0, 0.0), -1)
+    least = Extremum(1e-6, np.nan, (0.0, 0.0, 0.0), -1)
     found, _ = bound_of_difference(*([*patches(one, ["p"])] for one in (own, other)), least)
     values = sample(
-        own.with_others(ref=other), "abs(p - ref:p)", [found.place, *np.random.default_rng(1).random((2000, 3))]
+        own.with_others(ref=other), "abs(p - ref:p)", [found.position, *np.random.default_rng(1).random((2000, 3))]
     )
     assert values.values[0, 0] == pytest.approx(found.value, abs=1e-12)
     assert values.values.max() <= found.bound <= found.value * 1.0002
@@ -193,10 +193,10 @@ def test_cubic_fields_on_curved_hexahedra_are_bounded_as_closely():
         with_p(curved(grid(Shape.HEXAHEDRON, 2), ripple(0.03), 3), wave),
         with_p(grid(Shape.HEXAHEDRON, 1), wave),
     )
-    least = Extreme(1e-3, np.nan, (0.0, 0.0, 0.0), -1)
+    least = Extremum(1e-3, np.nan, (0.0, 0.0, 0.0), -1)
     found, _ = bound_of_difference(*([*patches(one, ["p"])] for one in (own, other)), least)
     values = sample(
-        own.with_others(ref=other), "abs(p - ref:p)", [found.place, *np.random.default_rng(1).random((2000, 3))]
+        own.with_others(ref=other), "abs(p - ref:p)", [found.position, *np.random.default_rng(1).random((2000, 3))]
     )
     assert found.value - 1e-12 <= values.values[0, 0] <= found.value * 1.0001
     assert np.nanmax(values.values) <= found.bound <= found.value * 1.0002

@@ -217,7 +217,7 @@ def test_bounds_contain_all_distances_and_are_tight():
         values = Sampler(dataset, [expression]).sample(points).values[:, 0]
         assert found.lower <= np.nanmin(values)
         assert np.nanmax(values) <= found.upper
-        assert found.upper - found.lower < 1.3 * (found.greatest - found.least)
+        assert found.upper - found.lower < 1.3 * (found.maximum - found.minimum)
         assert np.isfinite(values).any()
 
 

@@ -1,4 +1,4 @@
-"""Extremes of fields that are known in closed form, and those of others against samples."""
+"""Extrema of fields that are known in closed form, and those of others against samples."""
 
 import numpy as np
 import pytest
@@ -20,10 +20,10 @@ def test_the_maximum_of_a_paraboloid_is_at_its_apex(shape):
     least, greatest = extrema(Dataset(bare.mesh, (field,)), "u")
     assert greatest.value == pytest.approx(2, abs=1e-12)
     assert 0 <= greatest.bound - greatest.value < 1e-11
-    assert greatest.place[: len(top)] == pytest.approx(top, abs=1e-5)
+    assert greatest.position[: len(top)] == pytest.approx(top, abs=1e-5)
     farthest = np.where(top < 0.5, 1.0, 0.0)
     assert least.value == pytest.approx(2 - ((farthest - top) ** 2).sum(), abs=1e-12)
-    assert least.place[: len(top)] == pytest.approx(farthest, abs=1e-12)
+    assert least.position[: len(top)] == pytest.approx(farthest, abs=1e-12)
 
 
 @pytest.mark.parametrize("shape", [Shape.TRIANGLE, Shape.PYRAMID, Shape.PRISM])

@@ -116,7 +116,7 @@ def test_facts_of_parts_match_those_of_the_whole(case, size, monkeypatch):
 
 
 def symmetric(shape):
-    """A field with equal extremes in many elements, one that is everywhere the same, and one of noise that jumps."""
+    """A field with equal extrema in many elements, one that is everywhere the same, and one of noise that jumps."""
     mesh = grid(shape, 4)
     bare = Dataset(mesh)
     wave = approximated(bare, "wave", lambda p: np.cos(4 * np.pi * p[:, 0]) * np.cos(4 * np.pi * p[:, 1]), 6)

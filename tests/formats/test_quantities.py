@@ -376,8 +376,8 @@ def test_ranges_contain_every_value_and_are_tight(kind, text):
         values = evaluator.values(expression, patch, rows, reference)
         assert values.min() >= found.lower - 1e-12
         assert values.max() <= found.upper + 1e-12
-    assert found.lower <= found.least <= found.greatest <= found.upper
-    assert found.upper - found.lower <= 1.1 * (found.greatest - found.least)
+    assert found.lower <= found.minimum <= found.maximum <= found.upper
+    assert found.upper - found.lower <= 1.1 * (found.maximum - found.minimum)
 
 
 def test_unbounded_ranges_are_infinite_and_empty_ones_none():
@@ -390,7 +390,7 @@ def test_unbounded_ranges_are_infinite_and_empty_ones_none():
 def test_ranges_of_functions_with_small_support():
     dataset = Dataset(grid(Shape.HEXAHEDRON, 1))
     found = quantity_range(dataset, Expression.of(dataset, "sqrt(0.03 - (x-0.3)^2 - (y-0.3)^2 - (z-0.3)^2)"))
-    assert 0.1 < found.greatest <= found.upper
+    assert 0.1 < found.maximum <= found.upper
 
 
 @pytest.mark.parametrize("name", [*FUNCTIONS, *OPERATORS])

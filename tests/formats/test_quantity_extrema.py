@@ -1,4 +1,4 @@
-"""Extremes of expressions that are known in closed form, and those of others against samples."""
+"""Extrema of expressions that are known in closed form, and those of others against samples."""
 
 from dataclasses import replace
 
@@ -39,12 +39,12 @@ def test_polynomials_and_their_roots(shape):
     dataset = Dataset(bare.mesh, fields)
     least, greatest = of(dataset, "x*(1 - u)*y")
     assert greatest.value == pytest.approx(0.25, rel=1e-12)
-    assert greatest.place[:2] == pytest.approx((0.5, 1), abs=1e-5)
+    assert greatest.position[:2] == pytest.approx((0.5, 1), abs=1e-5)
     assert 0 <= greatest.bound - greatest.value < 1e-12
     assert abs(least.bound) < 1e-12
     least, greatest = of(dataset, "sqrt(u^2 + v^2)")
     assert greatest.value == pytest.approx(np.sqrt(1.49), rel=1e-13)
-    assert greatest.place[:2] == pytest.approx((1, 1))
+    assert greatest.position[:2] == pytest.approx((1, 1))
     assert 0 <= greatest.bound - greatest.value < 1e-12
     assert 0 <= least.bound <= least.value < 1e-6
 
@@ -54,7 +54,7 @@ def test_nonpolynomial_quantities_are_bounded_by_intervals():
     least, greatest = of(dataset, "sin(3*x)*y")
     assert greatest.value == pytest.approx(1, abs=1e-9)
     assert greatest.value <= greatest.bound < 1 + 1e-3
-    assert greatest.place == pytest.approx((np.pi / 6, 1, 0), abs=1e-4)
+    assert greatest.position == pytest.approx((np.pi / 6, 1, 0), abs=1e-4)
     assert least.bound <= least.value <= 0
 
 

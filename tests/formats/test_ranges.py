@@ -49,16 +49,16 @@ def test_no_value_is_outside_the_range(shape, n):
 @pytest.mark.parametrize(("shape", "n"), EVERY_SPACE)
 def test_the_bounds_are_nearly_attained(shape, n):
     found = value_range([elements(shape, n)])
-    spread = found.greatest - found.least
-    assert 0 <= found.upper - found.greatest <= 1e-7 * spread
-    assert 0 <= found.least - found.lower <= 1e-7 * spread
+    spread = found.maximum - found.minimum
+    assert 0 <= found.upper - found.maximum <= 1e-7 * spread
+    assert 0 <= found.minimum - found.lower <= 1e-7 * spread
 
 
 def test_blocks_of_several_shapes_make_one_range():
     blocks = [elements(shape, 4) for shape in Shape]
     apart = [value_range([block]) for block in blocks]
     together = value_range(blocks)
-    spread = together.greatest - together.least
+    spread = together.maximum - together.minimum
     assert together.upper == pytest.approx(max(part.upper for part in apart), abs=1e-7 * spread)
     assert together.lower == pytest.approx(min(part.lower for part in apart), abs=1e-7 * spread)
 
@@ -67,8 +67,8 @@ def test_many_equal_extrema_stay_bounded_in_time_and_certain():
     expansion, coefficients = elements(Shape.HEXAHEDRON, 6, count=1)
     found = value_range([(expansion, np.repeat(coefficients, 3000, axis=0))])
     single = value_range([(expansion, coefficients)])
-    assert found.upper >= single.greatest
-    assert found.upper < single.greatest + 100 * (single.greatest - single.least)
+    assert found.upper >= single.maximum
+    assert found.upper < single.maximum + 100 * (single.maximum - single.minimum)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
@@ -94,4 +94,4 @@ def test_fourier_directions_are_also_bounded():
     values = evaluate(expansion, coefficients, points)
     assert found.lower <= values.min()
     assert values.max() <= found.upper
-    assert found.lower <= found.least <= found.greatest <= found.upper
+    assert found.lower <= found.minimum <= found.maximum <= found.upper

@@ -130,7 +130,7 @@ def test_advice_names_the_direction_of_a_layer():
     assert facts["fields"][0]["advice"].startswith("refine h in reference direction 2 (along y) in 9 of 27 elements")
     assert facts["fields"][1]["advice"].startswith("resolved")
     assert [row["field"] for row in facts["worst"][:9]] == ["u"] * 9
-    assert all(1 / 3 <= row["place"][1] <= 2 / 3 for row in facts["worst"][:9])
+    assert all(1 / 3 <= row["position"][1] <= 2 / 3 for row in facts["worst"][:9])
 
 
 def test_estimated_error_is_near_the_true_one():

@@ -87,7 +87,7 @@ def test_minima_are_attained_at_the_stated_points(shape, nodes):
             if shape is Shape.PYRAMID and xi[0, 2] == 1:
                 continue  # the determinant depends on how the apex is approached
             value = sampled_at(alone, dataset.mesh.space, xi)[0, 0]
-            assert value == pytest.approx(found.least[row], rel=1e-9, abs=10 * found.error[row] + 1e-15)
+            assert value == pytest.approx(found.minimum[row], rel=1e-9, abs=10 * found.error[row] + 1e-15)
             world = evaluate_at(block.expansion, coefficients[None], np.zeros(1, int), xi)
             assert found.world[row] == pytest.approx(world[0], abs=1e-13)
 
@@ -97,13 +97,13 @@ def test_minima_are_attained_at_the_stated_points(shape, nodes):
 def test_listed_elements_and_all_together_are_tight(shape, nodes):
     found = validity(tangled(shape, nodes))
     whole = found.range
-    assert whole.least - whole.lower <= 1e-10 * abs(whole.least) + found.error.max()
-    assert whole.upper - whole.greatest <= 1e-10 * abs(whole.greatest) + found.error.max()
+    assert whole.minimum - whole.lower <= 1e-10 * abs(whole.minimum) + found.error.max()
+    assert whole.upper - whole.maximum <= 1e-10 * abs(whole.maximum) + found.error.max()
     listed = found.failing_rows
     assert (found.status[listed] == ValidityStatus.NOT_POSITIVE).all()
-    size = np.maximum(np.abs(found.least), np.abs(found.greatest))[listed]
-    assert (found.least[listed] - found.lower[listed] <= 1e-10 * size).all()
-    assert (found.upper[listed] - found.greatest[listed] <= 1e-10 * size).all()
+    size = np.maximum(np.abs(found.minimum), np.abs(found.maximum))[listed]
+    assert (found.minimum[listed] - found.lower[listed] <= 1e-10 * size).all()
+    assert (found.upper[listed] - found.maximum[listed] <= 1e-10 * size).all()
 
 
 @pytest.mark.parametrize("shape", [Shape.SEGMENT, Shape.TRIANGLE, Shape.TETRAHEDRON])
@@ -117,7 +117,7 @@ def test_affine_elements_are_exact(shape):
     corners = evaluate_with_gradients(block.expansion, block.coefficients[:, : shape.dimension], shape.vertices)[0]
     edges = corners[:, :, 1:] - corners[:, :, :1]
     exact = np.linalg.det(edges) / 2**shape.dimension
-    assert found.least == pytest.approx(exact, rel=1e-13)
+    assert found.minimum == pytest.approx(exact, rel=1e-13)
     assert found.lower == pytest.approx(exact, rel=1e-13)
     assert found.upper == pytest.approx(exact, rel=1e-13)
     assert (found.error <= 1e-12 * exact).all()
@@ -140,7 +140,7 @@ def test_the_tetrahedron_that_intersects_itself():
     dataset = moved_node()
     found = validity(dataset)
     assert found.status.tolist() == [ValidityStatus.NOT_POSITIVE]
-    for bound, exact in ((found.lower, -1.4), (found.upper, 1), (found.least, -1.4), (found.greatest, 1)):
+    for bound, exact in ((found.lower, -1.4), (found.upper, 1), (found.minimum, -1.4), (found.maximum, 1)):
         assert 8 * bound[0] == pytest.approx(exact, abs=1e-13)
     assert found.world[0] == pytest.approx([1, 0, 0], abs=1e-14)
 
@@ -204,8 +204,8 @@ def test_quick_bounds_are_valid_and_need_the_terms_beyond_the_net(monkeypatch):
     assert (greatest <= found.upper).all()
     # attained values lie within the range of the exact net
     net = determinant(block.expansion, block.coefficients, 3).net
-    assert (net.min(axis=0) - found.error <= found.least).all()
-    assert (found.greatest <= net.max(axis=0) + found.error).all()
+    assert (net.min(axis=0) - found.error <= found.minimum).all()
+    assert (found.maximum <= net.max(axis=0) + found.error).all()
     monkeypatch.setattr(enclosed_determinants, "_rest", lambda terms: np.zeros(len(terms)))
     without = enclosures(block.expansion, block.coefficients)
     assert (without.lower > least).any() or (without.upper < greatest).any()
@@ -232,7 +232,7 @@ def test_quick_bounds_cover_errors_of_the_tangents(monkeypatch):
         found = enclosures(block.expansion, block.coefficients)
         assert (found.lower <= exact.min(axis=1)).all()
         assert (exact.max(axis=1) <= found.upper).all()
-        apart = np.maximum(np.abs(found.least - exact.min(axis=1)), np.abs(found.greatest - exact.max(axis=1)))
+        apart = np.maximum(np.abs(found.minimum - exact.min(axis=1)), np.abs(found.maximum - exact.max(axis=1)))
         assert (apart <= found.error).all()
         assert (apart > 0.4 * found.error).all()
 
@@ -294,7 +294,7 @@ def test_valleys_below_zero_are_refuted_and_at_zero_undecided(shape, depth, stat
     block = block_of(shape, 4, flat_valley((1.0, 0.5, 0.25), depth))
     found = validity(Dataset(one_element(shape, shape.dimension)), [block])
     assert found.status.tolist() == [status]
-    assert found.least[0] == pytest.approx(depth, abs=1e-11)
+    assert found.minimum[0] == pytest.approx(depth, abs=1e-11)
     reason = validity_facts(found)["listed"][0]["reason"]
     assert reason == ("its Jacobian is zero within rounding" if status == ValidityStatus.UNDECIDED else None)
 
@@ -340,7 +340,7 @@ def test_elements_with_a_vertex_twice_are_never_called_positive(shape):
     vertices[1] = vertices[0]
     found = validity(Dataset(replace(mesh, vertices=vertices)))
     assert found.status.tolist() == [ValidityStatus.UNDECIDED]
-    assert abs(found.least[0]) <= found.error[0]
+    assert abs(found.minimum[0]) <= found.error[0]
 
 
 def test_reflected_elements_are_not_positive():

@@ -103,7 +103,7 @@ def flowing(mesh, axes, modes):
 def test_a_line_through_the_side_of_two_elements_is_one(shape, bent, criterion):
     mesh, axes = pairs(shape, bent, 6, 5)
     modes = 4 if bent and shape is Shape.PRISM else 2
-    found = vortex_cores(flowing(mesh, axes, modes), criterion=criterion, spacing=0.2, least_swirl=0.5)
+    found = vortex_cores(flowing(mesh, axes, modes), criterion=criterion, spacing=0.2, min_swirl=0.5)
     assert found.counts() == {"boundary": 12}
     assert found.undecided == ()
     assert sorted(number_of(found.points[found.offsets[:-1]])) == list(range(6))
@@ -126,7 +126,7 @@ def test_axes_that_jump_far_are_two_lines(aside, ends):
         coefficients = one.blocks[0].coefficients.copy()
         coefficients[1::2] = other.blocks[0].coefficients[1::2]
         fields.append(replace(one, blocks=(replace(one.blocks[0], coefficients=frozen_floats(coefficients)),)))
-    found = vortex_cores(Dataset(mesh, tuple(fields)), spacing=0.2, least_swirl=0.5)
+    found = vortex_cores(Dataset(mesh, tuple(fields)), spacing=0.2, min_swirl=0.5)
     assert found.counts() == ends
     assert found.undecided == ()
 

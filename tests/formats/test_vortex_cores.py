@@ -82,7 +82,7 @@ def test_lamb_oseen_and_burgers_vortices(shape, bend, axial, strain):
     """To the cubic terms, (1 - exp(-r^2)) / r = r - r^3 / 2, which elements hold exactly, as sextics on curved ones."""
     mesh = curved(grid(shape, 1), ripple(bend), 3) if bend else grid(shape, 1)
     functions = components(vortex(axial, strain, 0.5))
-    found = vortex_cores(data(mesh, functions, 7 if bend else 4), spacing=0.1, least_swirl=0.5)
+    found = vortex_cores(data(mesh, functions, 7 if bend else 4), spacing=0.1, min_swirl=0.5)
     assert found.undecided == ()
     assert len(found) == 1
     assert from_axis(found[0]).max() < 1e-8
@@ -277,9 +277,9 @@ def test_momenta_are_divided_by_the_density():
 
 def test_limits():
     dataset = data(grid(Shape.HEXAHEDRON, 1), components(vortex(1.0, 0.8)), 3)
-    assert len(vortex_cores(dataset, least_swirl=0.99, spacing=0.2)) == 1
-    assert len(vortex_cores(dataset, least_swirl=1.01, spacing=0.2)) == 0
-    assert len(vortex_cores(dataset, least_length=2.0, spacing=0.2)) == 0
+    assert len(vortex_cores(dataset, min_swirl=0.99, spacing=0.2)) == 1
+    assert len(vortex_cores(dataset, min_swirl=1.01, spacing=0.2)) == 0
+    assert len(vortex_cores(dataset, min_length=2.0, spacing=0.2)) == 0
     assert len(vortex_cores(dataset, only_q=True, spacing=0.2)) == 1
     strained = data(grid(Shape.HEXAHEDRON, 1), components(vortex(1.0, 1.6)))
     assert len(vortex_cores(strained, only_q=True, spacing=0.2)) == 0
@@ -304,8 +304,8 @@ def test_bad_input():
     dataset = data(grid(Shape.HEXAHEDRON, 1), components(vortex()))
     with pytest.raises(ElvisError, match="one of acceleration, vorticity, found 'q'"):
         vortex_cores(dataset, criterion="q")
-    with pytest.raises(ElvisError, match="least swirl: expected a number that is not negative"):
-        vortex_cores(dataset, least_swirl=-1.0)
+    with pytest.raises(ElvisError, match="minimum swirl: expected a number that is not negative"):
+        vortex_cores(dataset, min_swirl=-1.0)
     with pytest.raises(ElvisError, match="spacing: expected a positive number"):
         vortex_cores(dataset, spacing=0.0)
     with pytest.raises(ElvisError, match=r"sin\(u\): expected a component that is a polynomial"):
@@ -354,7 +354,7 @@ def test_a_no_slip_wall_is_not_a_core():
         return points[:, 2:] * vortex(1.0)(points)
 
     dataset = data(grid(Shape.PRISM, 1), components(above_a_wall), 3)
-    found = vortex_cores(dataset, spacing=0.2, least_swirl=0.01)
+    found = vortex_cores(dataset, spacing=0.2, min_swirl=0.01)
     assert found.counts() == {"faded": 1, "boundary": 1}
     assert found.undecided == ()
     assert from_axis(found.points).max() < 1e-8
@@ -371,7 +371,7 @@ def test_noise_that_jumps_at_borders_leaves_the_axis_one_line(shape):
         (block,) = field.blocks
         coefficients = block.coefficients + 1e-3 * rng.normal(size=block.coefficients.shape)
         noisy.append(Field(field.name, (Block(block.expansion, block.element_ids, frozen_floats(coefficients)),)))
-    found = vortex_cores(Dataset(dataset.mesh, tuple(noisy)), spacing=0.1, least_swirl=0.5)
+    found = vortex_cores(Dataset(dataset.mesh, tuple(noisy)), spacing=0.1, min_swirl=0.5)
     assert found.undecided == ()
     assert found.counts() == {"boundary": 2}
     assert from_axis(found.points).max() < 0.02

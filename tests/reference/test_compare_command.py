@@ -46,14 +46,14 @@ def test_a_report_of_a_scene(block_files, tmp_path):
     assert done.exit_code == 0, done.output
     assert re.match(r"Linear elements after 1 refinement: .* 2 refinements would need \d+ kB\.\n$", done.stdout)
     told = json.loads((tmp_path / "report" / "summary.json").read_text())
-    assert [rival["level"] for rival in told["rivals"]] == [0, 1, None]
-    assert told["verdict"] == done.stdout.strip()
+    assert [rival["level"] for rival in told["baselines"]] == [0, 1, None]
+    assert told["conclusion"] == done.stdout.strip()
 
     # the scene that lies in the report makes it again
     again = run(tmp_path / "report" / "scene.toml", "--device", "reference", "--refinements", "0,1", "--json")
     assert again.exit_code == 0, again.output
     numbers = json.loads(again.stdout)
-    assert numbers["rivals"] == told["rivals"]
+    assert numbers["baselines"] == told["baselines"]
     assert numbers["picture"] == told["picture"]
 
 
@@ -93,7 +93,7 @@ def test_records_are_compared(records, tmp_path):
     )
     told = json.loads(run(exact, other, "--json").stdout)
     assert told["pixel_exact"] is False
-    assert (told["rivals"][0]["worst"]["row"], told["rivals"][0]["worst"]["column"]) == (20, 30)
+    assert (told["baselines"][0]["worst"]["row"], told["baselines"][0]["worst"]["column"]) == (20, 30)
 
 
 def test_requirements_determine_the_exit_status(records, tmp_path, capsys):
@@ -118,7 +118,7 @@ def test_options_are_checked(records, arguments, sentence):
 
 def test_a_limit_is_observed(block_files):
     numbers = json.loads(run(*block_files, *PLANE, "--memory-limit", "20k", "--json").stdout)
-    assert [rival["skipped"] for rival in numbers["rivals"]] == [None, *3 * ["more than the memory limit"], None]
+    assert [rival["skipped"] for rival in numbers["baselines"]] == [None, *3 * ["more than the memory limit"], None]
 
 
 def test_bad_input_gives_a_one_line_error(records, block_files, tmp_path, capsys):
@@ -151,7 +151,7 @@ def test_meshes_are_saved_on_request(block_files, tmp_path):
     mesh = trimesh.load_mesh(tmp_path / "report" / "meshes" / "exact-isosurface-0.ply", process=False)
     assert len(mesh.faces) > 100
     told = json.loads((tmp_path / "report" / "summary.json").read_text())
-    assert told["rivals"][0]["surfaces"]["wave = 0.2"]["hausdorff"] > 0
+    assert told["baselines"][0]["surfaces"]["wave = 0.2"]["hausdorff"] > 0
     assert run(*block_files, *iso, "--meshes", "stl").exit_code == 2
 
 

@@ -24,7 +24,7 @@ def test_the_table_lists_the_summaries(make):
     ]
     rivals.append({"key": "n4", "counts": {"needed": 2e9}})
     times = {"exact": {"exact": 1.5}, "n0": {"mesh": 0.1, "draw": 0.2}}
-    rows = make.table_rows("delta", {"data": {"bytes": 1.5e6}, "rivals": rivals}, times)
+    rows = make.table_rows("delta", {"data": {"bytes": 1.5e6}, "baselines": rivals}, times)
     assert rows[0] == "| delta | off | 123 % | 62 % | 31 % | 15 % | – |  |  |  |"
     assert rows[1] == "|  | contours | – | 2 px | 1 px | 0.67 px | – |  |  |  |"
     assert rows[2] == "|  | memory | 2.5 MB | 2.5 MB | 2.5 MB | 2.5 MB | needs 2000 MB |  |  | 1.5 MB |"
@@ -50,7 +50,7 @@ def test_one_case_is_made(make, block_files, monkeypatch, tmp_path, capfd):
         (data / name).write_bytes(file.read_bytes())
     monkeypatch.setattr(make, "ROOT", tmp_path)
     monkeypatch.setitem(make.CASES, "delta", ("delta", "--plane 1.5,0.5,0.45:0.1,0.2,1", "the blocks in its place"))
-    options = ["--size", "40x30", "--device", "reference", "--judge", "0", "--refinements", "0,1"]
+    options = ["--size", "40x30", "--device", "reference", "--validate", "0", "--refinements", "0,1"]
     assert make.main(["delta", "--", *options]) == 0
     told = json.loads((tmp_path / "out" / "reports" / "delta" / "summary.json").read_text())
     assert told["picture"]["size"] == [40, 30]

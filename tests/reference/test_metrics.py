@@ -126,7 +126,7 @@ def test_contours_are_displaced_by_the_field_error(shift):
     pixel = 1.2 / 120
     other = picture(lambda x, y: x - shift * pixel, size=(120, 120))
     found = displacement(record, other, 0.5)
-    assert found.greatest == pytest.approx(shift, abs=1e-9)
+    assert found.maximum == pytest.approx(shift, abs=1e-9)
     assert found.mean == pytest.approx(shift, abs=1e-9)
     at = crossings(record, 0.5)
     assert np.ptp(at[:, 1]) < 1e-9
@@ -139,9 +139,9 @@ def test_a_contour_missing_in_one_picture_is_lost():
     record, other = picture(lambda x, y: x), picture(lambda x, y: 0.5 * x)
     found = errors(record, other, contours=(0.2, 0.8))
     assert found.lost == 1
-    assert found.contours[1].greatest is None
-    assert found.contour_max == found.contours[0].greatest
-    assert found.contours[0].greatest * 1.2 / 80 == pytest.approx(0.2, rel=0.02)
+    assert found.contours[1].maximum is None
+    assert found.contour_max == found.contours[0].maximum
+    assert found.contours[0].maximum * 1.2 / 80 == pytest.approx(0.2, rel=0.02)
     nowhere = errors(record, other, contours=(5.0,))
     assert (nowhere.lost, nowhere.contour_max) == (0, 0.0)
 

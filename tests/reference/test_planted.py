@@ -59,8 +59,8 @@ def test_a_wrong_coefficient(size):
     assert set(failed_checks(study)) == {"field value"}
     check = failed_checks(study)["field value"]
     assert check.worst.element == element
-    assert f"element {element}, (" in summary(study)["verdict"]
-    assert summary(study)["verdict"].startswith("Not exact: field value fails at ")
+    assert f"element {element}, (" in summary(study)["conclusion"]
+    assert summary(study)["conclusion"].startswith("Not exact: field value fails at ")
 
     # all pixels above the tolerance lie in this element
     exact, drawn = render(right, SCENE), render(wrong, SCENE)
@@ -105,7 +105,7 @@ def test_a_distance_function_that_ignores_the_end_of_its_line():
     assert not 0.3 < check.worst.position[0] < 0.7
     assert check.worst.other < check.worst.exact
     assert check.found > 0.01
-    assert "worst at column" in summary(study)["verdict"]
+    assert "worst at column" in summary(study)["conclusion"]
 
 
 def test_a_foreign_element_and_a_hole_are_named():

@@ -41,7 +41,7 @@ def test_numbers_match_those_of_the_records(study, report):
     exact = study.exact
     low, high = np.nanmin(exact.field), np.nanmax(exact.field)
     assert told["picture"]["range"] == [low, high]
-    for rival, found in zip(study.rivals, told["rivals"], strict=True):
+    for rival, found in zip(study.rivals, told["baselines"], strict=True):
         both = ~np.isnan(exact.field) & ~np.isnan(rival.record.field)
         away = np.abs(exact.field[both] - rival.record.field[both]) / (high - low)
         missing = (exact.element >= 0) & (rival.record.element < 0)
@@ -60,11 +60,11 @@ def test_numbers_match_those_of_the_records(study, report):
         for contour in found["contours"]:
             first, second = (points(record.field, contour["value"]) for record in (exact, rival.record))
             if not len(first) or not len(second):
-                assert contour["greatest"] is None
+                assert contour["maximum"] is None
                 continue
             pairs = np.linalg.norm(first[:, None] - second, axis=2)
             expected = max(pairs.min(axis=1).max(), pairs.min(axis=0).max())
-            assert contour["greatest"] == pytest.approx(expected, rel=1e-9)
+            assert contour["maximum"] == pytest.approx(expected, rel=1e-9)
 
 
 def points(field, value):
@@ -182,7 +182,7 @@ def test_two_records_make_a_report(study, tmp_path):
     write_report(found, tmp_path / "report")
     told = json.loads((tmp_path / "report" / "summary.json").read_text())
     assert told["pixel_exact"] is False
-    assert "worst at column 30, row 20" in told["verdict"]
-    assert f"element {record.element[20, 30]}" in told["verdict"]
-    assert summary(found)["rivals"][0]["value_max"] == pytest.approx(0.5)
+    assert "worst at column 30, row 20" in told["conclusion"]
+    assert f"element {record.element[20, 30]}" in told["conclusion"]
+    assert summary(found)["baselines"][0]["value_max"] == pytest.approx(0.5)
     assert isinstance(record, Record)

@@ -65,7 +65,7 @@ def test_invalid_cores_are_reported():
     [
         ({"seeds": ("random:3",), "cores": "vorticity"}, "found seeds"),
         ({"cores": "vorticity", "ribbon": 0.1, "wall": "all"}, "found wall, ribbon|ribbons"),
-        ({"seeds": ("random:3",), "least_swirl": 1.0}, "expected cores with least_swirl"),
+        ({"seeds": ("random:3",), "min_swirl": 1.0}, "expected cores with min_swirl"),
         ({}, "seeds of streamlines: expected at least one"),
     ],
 )
@@ -76,11 +76,11 @@ def test_incompatible_settings(settings, words):
 
 def test_an_option(tmp_path):
     write(vortex(Shape.HEXAHEDRON, 0.0), tmp_path / "a.xml", tmp_path / "a.fld")
-    text = "cores=acceleration;radius=0.05;least_length=0.2"
+    text = "cores=acceleration;radius=0.05;min_length=0.2"
     words = [tmp_path / "a.xml", tmp_path / "a.fld", "--streamlines", text, "--size", "24x24", "-o", tmp_path / "a.png"]
     command = ["render", *map(str, words), "--save-scene", str(tmp_path / "a.toml")]
     outcome = CliRunner().invoke(elvis, command, standalone_mode=False)
     assert outcome.exception is None
     (shown,) = read_scene(tmp_path / "a.toml").objects
-    assert shown == Streamlines(cores="acceleration", radius=0.05, least_length=0.2)
+    assert shown == Streamlines(cores="acceleration", radius=0.05, min_length=0.2)
     assert len(np.unique(np.asarray(Image.open(tmp_path / "a.png")).reshape(-1, 3), axis=0)) > 5

@@ -147,7 +147,7 @@ def test_the_list_names_skipped_devices(listed):
     assert second.endswith("auto")
     assert err == ""
     rows = json.loads(listed([XE, SOFT, CPU], "--json")[0])
-    assert [(row["name"], row["auto"], row["unfit"]) for row in rows[:2]] == [
+    assert [(row["name"], row["auto"], row["problem"]) for row in rows[:2]] == [
         ("vulkan:0", False, NO_DOUBLES),
         ("vulkan:2", True, ""),
     ]

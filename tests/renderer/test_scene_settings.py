@@ -83,7 +83,7 @@ def test_the_schema_has_names_bounds_and_descriptions():
     assert style["additionalProperties"] is False
     assert style["properties"]["opacity"].items() >= {"type": "number", "exclusiveMinimum": 0, "maximum": 1}.items()
     assert found["properties"]["samples"].items() >= {"type": "integer", "minimum": 1, "maximum": 16}.items()
-    assert {"enum": ["seen", "all", "series"], "type": "string"} in found["properties"]["range"]["anyOf"][0]["oneOf"]
+    assert {"enum": ["visible", "all", "series"], "type": "string"} in found["properties"]["range"]["anyOf"][0]["oneOf"]
     assert found["properties"]["objects"]["items"]["required"] == ["kind"]
     for name, definition in found["$defs"].items():
         told = [part.get("description") for key, part in definition["properties"].items() if key != "kind"]
@@ -153,7 +153,7 @@ def test_a_scene_prints_nondefault_values():
         ("s.toml", "samples = 0x" + "f" * 5000, "samples: expected a finite number, found one of 20000 bits"),
         ("s.yaml", "range: [0x" + "f" * 5000 + ", 1]", "range[0]: expected a finite number, found one of 20000 bits"),
         ("s.yaml", "data: !!set {a, b}", "data: expected a list, found a set"),
-        ("s.toml", "range = {low = 1}", "range: expected a list of 2 or seen or all or series, found {'low': 1}"),
+        ("s.toml", "range = {low = 1}", "range: expected a list of 2 or visible or all or series, found {'low': 1}"),
         ("s.toml", "camera = [1, 2]", "camera: expected a table or a text, found [1, 2]"),
         (
             "s.toml",

@@ -228,11 +228,11 @@ unknown key 'bar.titel', did you mean title?
 
 # Reports
 
-$ elvis compare cylinder.xml cylinder.fld --field Cp --size 24x24 --refinements 0 --judge 0 -o report
+$ elvis compare cylinder.xml cylinder.fld --field Cp --size 24x24 --refinements 0 --validate 0 -o report
 Linear elements after 0 refinements
 > report/index.html report/summary.json
-$ elvis compare u.toml --size 24x24 --refinements 0 --judge 0 --json -o numbers
-"verdict"
+$ elvis compare u.toml --size 24x24 --refinements 0 --validate 0 --json -o numbers
+"conclusion"
 """
 
 

@@ -62,7 +62,7 @@ def test_bricks_report_the_same_as_the_whole(limited, monkeypatch):
 
     assert drawing.answer("check", 2, "u*x") == ""
     ask = {"quantities": ["u"], "start": [0, 0, 0], "end": [1, 1, 1]}
-    for name, content in (("line", ask), ("histogram", "u"), ("extremes", "u"), ("linear", {"level": 0})):
+    for name, content in (("line", ask), ("histogram", "u"), ("extrema", "u"), ("linear", {"level": 0})):
         assert whole.answer(name, 2, content)
         with pytest.raises(
             ElvisError, match="need all elements, which --memory does not allow: start elvis view without"

@@ -284,7 +284,7 @@ def test_the_minimum_is_found_and_cut(page, viewer, scene):
     settled(page, viewer)
     # the plane through it lies across the direction along which one looks most nearly, and the view stays
     scene = viewer.session.current
-    assert scene.objects[0].surface.point == least.place
+    assert scene.objects[0].surface.point == least.position
     assert scene.camera.height == page.evaluate("elvis.picture.camera.height")
     page.get_by_title("View -y").click()
     settled(page, viewer)

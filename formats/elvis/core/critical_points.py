@@ -44,14 +44,14 @@ class CriticalPoint:
 
     kind         node in, node out, saddle, spiral in, spiral out, centre, spiral saddle, degenerate
     index        sign of the gradient's determinant: what Poincare-Hopf adds up
-    place        (x, y, z)
+    position     (x, y, z)
     element      id of an element that holds it
     eigenvalues  of the velocity's gradient
     """
 
     kind: str
     index: int
-    place: tuple[float, float, float]
+    position: tuple[float, float, float]
     element: int
     eigenvalues: tuple[complex, ...]
 
@@ -63,13 +63,14 @@ class CriticalPoints:
     points      each once
     undecided   ascending ids of elements in which the search ended before every box was decided, for example along a
                 line of zeros
-    beside      ascending ids of elements in which undecided boxes lie only near the outer boundary, within 1/128 of the
-                element
+    near_boundary
+                ascending ids of elements in which undecided boxes lie only near the outer boundary, within 1/128 of
+                the element
     """
 
     points: tuple[CriticalPoint, ...]
     undecided: tuple[int, ...]
-    beside: tuple[int, ...]
+    near_boundary: tuple[int, ...]
 
     def __len__(self) -> int:
         return len(self.points)
@@ -79,8 +80,8 @@ class CriticalPoints:
         points = []
         for each in self.points:
             values = [[value.real, value.imag] for value in each.eigenvalues]
-            points.append({**vars(each), "place": list(each.place), "eigenvalues": values})
-        return {"points": points, "undecided": list(self.undecided), "beside": list(self.beside)}
+            points.append({**vars(each), "position": list(each.position), "eigenvalues": values})
+        return {"points": points, "undecided": list(self.undecided), "near_boundary": list(self.near_boundary)}
 
 
 def critical_points(dataset: Dataset, velocity: Sequence[str] | None = None) -> CriticalPoints:
@@ -107,11 +108,11 @@ def shared_critical_points(portion: Portion, velocity: Sequence[str] | None, ran
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """The zeros in some elements, as in `CriticalPoints`, and the extremes of the coefficients of their maps."""
+    """The zeros in some elements, as in `CriticalPoints`, and the extrema of the coefficients of their maps."""
 
     points: list[CriticalPoint]
     undecided: list[int]
-    beside: list[int]
+    near_boundary: list[int]
     ends: list[float]
 
 
@@ -120,8 +121,8 @@ def united(every: Sequence[Found]) -> CriticalPoints:
     points = [point for own in every for point in own.points]
     spread = _spread([end for own in every for end in own.ends])
     undecided = sorted(id for own in every for id in own.undecided)
-    beside = sorted(id for own in every for id in own.beside)
-    return CriticalPoints(tuple(_distinct(points, spread)), tuple(undecided), tuple(beside))
+    near_boundary = sorted(id for own in every for id in own.near_boundary)
+    return CriticalPoints(tuple(_distinct(points, spread)), tuple(undecided), tuple(near_boundary))
 
 
 def _found(dataset: Dataset, velocity: Sequence[str] | None, outer: _Outer) -> Found:
@@ -136,7 +137,7 @@ def _found(dataset: Dataset, velocity: Sequence[str] | None, outer: _Outer) -> F
     evaluator = Evaluator(dataset, [*zeros, *slopes])
     found: list[CriticalPoint] = []
     undecided: list[int] = []
-    beside: list[int] = []
+    near_boundary: list[int] = []
     for patch in evaluator.patches:
         if patch.periods or patch.shape.dimension != len(components):
             raise ElvisError("expected 2D data in the plane or 3D data, without Fourier directions")
@@ -145,8 +146,8 @@ def _found(dataset: Dataset, velocity: Sequence[str] | None, outer: _Outer) -> F
             search.run(np.arange(len(patch))[rows])
         found += search.classified(slopes)
         undecided += patch.element_ids[list(search.undecided)].tolist()
-        beside += patch.element_ids[list(search.beside - search.undecided)].tolist()
-    return Found(found, undecided, beside, ends(evaluator.patches))
+        near_boundary += patch.element_ids[list(search.near_boundary - search.undecided)].tolist()
+    return Found(found, undecided, near_boundary, ends(evaluator.patches))
 
 
 def numerator(component: Expression) -> Expression:
@@ -320,8 +321,8 @@ def _distinct(points: Sequence[CriticalPoint], size: float) -> Iterator[Critical
     kept: list[CriticalPoint] = []
     places = np.empty((0, 3))
     for point in sorted(points, key=lambda each: each.element):
-        if len(kept) and np.abs(places - point.place).max(axis=1).min() <= BEYOND * size:
+        if len(kept) and np.abs(places - point.position).max(axis=1).min() <= BEYOND * size:
             continue
         kept.append(point)
-        places = np.vstack([places, point.place])
+        places = np.vstack([places, point.position])
     yield from kept

@@ -39,22 +39,22 @@ _AT_ONCE, _NUMBERS = 1 << 12, 1 << 20
 
 
 @dataclass(frozen=True)
-class Extreme:
+class Extremum:
     """The smallest or largest value of a quantity.
 
     value    at the position
     bound    certified bound of the quantity; NaN if unknown
-    place    position (x, y, z) of the value
+    position  (x, y, z) of the value
     element  id of an element that contains the position
     """
 
     value: float
     bound: float
-    place: tuple[float, float, float]
+    position: tuple[float, float, float]
     element: int
 
 
-def extrema(dataset: Dataset, name: str) -> tuple[Extreme, Extreme]:
+def extrema(dataset: Dataset, name: str) -> tuple[Extremum, Extremum]:
     """The smallest and the largest value of a field.
 
     Raises ElvisError if no element has it, or with Fourier directions.
@@ -95,7 +95,7 @@ def _patches(dataset: Dataset, name: str) -> list[Patch]:
     return held
 
 
-def extrema_of_difference(dataset: Dataset, name: str, other: str) -> tuple[Extreme, Extreme]:
+def extrema_of_difference(dataset: Dataset, name: str, other: str) -> tuple[Extremum, Extremum]:
     """The extrema of the difference of two fields, on elements that have both.
 
     Raises ElvisError if no element has both, or with Fourier directions.
@@ -186,18 +186,18 @@ def _held(patch: Patch, number: int) -> tuple[Expansion, Floats]:
     return expansion, coefficients
 
 
-def _ends(held: Sequence[Patch], some: Sequence[Chosen]) -> tuple[Extreme, Extreme]:
+def _ends(held: Sequence[Patch], some: Sequence[Chosen]) -> tuple[Extremum, Extremum]:
     """Minimum and maximum of a function with nets on elements of patches."""
     return _extreme(held, some, -1), _extreme(held, some, 1)
 
 
-def _extreme(held: Sequence[Patch], some: Sequence[Chosen], sign: int) -> Extreme:
+def _extreme(held: Sequence[Patch], some: Sequence[Chosen], sign: int) -> Extremum:
     """The maximum of ``sign`` times a function with nets on elements of patches."""
     best = greatest_of(some, sign)
     patch = held[best.number]
     place = pointwise.positions(patch, np.array([best.row]), uncollapse(patch.shape, best.eta[None]))[0]
     x, y, z = map(float, place)
-    return Extreme(sign * best.value, sign * best.bound, (x, y, z), int(patch.element_ids[best.row]))
+    return Extremum(sign * best.value, sign * best.bound, (x, y, z), int(patch.element_ids[best.row]))
 
 
 def greatest_of(some: Sequence[Chosen], sign: int) -> Best:

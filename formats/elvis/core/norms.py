@@ -155,8 +155,8 @@ class _Sum:
 
     count: int = 0
     squares: list[Floats] = field(default_factory=list)
-    least: float = field(default=np.inf)
-    greatest: float = field(default=-np.inf)
+    minimum: float = field(default=np.inf)
+    maximum: float = field(default=-np.inf)
     measure: float = 0.0
 
     def add(self, values: Floats, measure: Floats) -> None:
@@ -164,18 +164,18 @@ class _Sum:
         self.count += values.size
         self.measure += float(measure.sum())
         self.squares.append((values * values * measure).sum(axis=1))
-        self.least = float(np.minimum(self.least, values.min()))
-        self.greatest = float(np.maximum(self.greatest, values.max()))
+        self.minimum = float(np.minimum(self.minimum, values.min()))
+        self.maximum = float(np.maximum(self.maximum, values.max()))
 
     def found(self, radius: float) -> _Found:
         """The data for other ranks about a function with an error of at most ``radius``."""
         squares = np.concatenate([np.empty(0), *self.squares])
-        return _Found(self.count, parts_of_sum(squares), self.least, self.greatest, self.measure, radius)
+        return _Found(self.count, parts_of_sum(squares), self.minimum, self.maximum, self.measure, radius)
 
 
 @dataclass(frozen=True)
 class _Found:
-    """Number of sampled values of a function, numbers with the exact sum of their squares, and their extremes.
+    """Number of sampled values of a function, numbers with the exact sum of their squares, and their extrema.
 
     measure  of the elements
     radius   deviation of the function from the source
@@ -183,8 +183,8 @@ class _Found:
 
     count: int
     squares: list[float]
-    least: float
-    greatest: float
+    minimum: float
+    maximum: float
     measure: float
     radius: float
 
@@ -197,7 +197,7 @@ def _norm(parts: Sequence[_Found], stretch: float) -> Norm:
     Squares are added up exactly and rounded once, so that the sum doesn't depend on who knows which.
     """
     l2 = float(np.sqrt(rounded_sum([number for own in parts for number in own.squares])))
-    least, greatest = np.min([own.least for own in parts]), np.max([own.greatest for own in parts])
+    least, greatest = np.min([own.minimum for own in parts]), np.max([own.maximum for own in parts])
     radius = max(own.radius for own in parts)
 
     # | ||f|| - ||g|| | <= ||f - g|| <= radius times the root of the measure

@@ -17,7 +17,7 @@ import numpy as np
 from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
-from elvis.core.extrema import Chosen, Extreme, Nets, chosen, deciding_extrema, extrema, greatest_of, ids_of
+from elvis.core.extrema import Chosen, Extremum, Nets, chosen, deciding_extrema, extrema, greatest_of, ids_of
 from elvis.core.integrals.reference_cells import Piece
 from elvis.core.mapping import pointwise
 from elvis.core.mapping.orientation import chunks
@@ -45,7 +45,7 @@ _ROUNDS, _MANY, _ELEMENTS, _CLOSE = 16, 1 << 8, 1 << 10, 1e-12
 _HOPEFUL = 3
 
 
-def quantity_extrema(dataset: Dataset, expression: Expression) -> tuple[Extreme, Extreme]:
+def quantity_extrema(dataset: Dataset, expression: Expression) -> tuple[Extremum, Extremum]:
     """The smallest and the largest value of a quantity; bounds are infinite if nothing is known.
 
     Bounds of converted data include the error of the conversion, which is an estimate.  Raises ElvisError if no element
@@ -54,13 +54,13 @@ def quantity_extrema(dataset: Dataset, expression: Expression) -> tuple[Extreme,
     return _widened(_extrema(dataset, expression), float(largest_radii(dataset, [expression])[0]))
 
 
-def _widened(ends: tuple[Extreme, Extreme], radius: float) -> tuple[Extreme, Extreme]:
+def _widened(ends: tuple[Extremum, Extremum], radius: float) -> tuple[Extremum, Extremum]:
     """Extrema with bounds that hold for values with an error of at most the radius."""
     least, greatest = ends
     return replace(least, bound=least.bound - radius), replace(greatest, bound=greatest.bound + radius)
 
 
-def _extrema(dataset: Dataset, expression: Expression) -> tuple[Extreme, Extreme]:
+def _extrema(dataset: Dataset, expression: Expression) -> tuple[Extremum, Extremum]:
     """The extrema of a quantity of the data without widening for conversion errors."""
     if expression.is_field:
         return extrema(dataset, expression.root.name)
@@ -68,7 +68,7 @@ def _extrema(dataset: Dataset, expression: Expression) -> tuple[Extreme, Extreme
     return (_of_polynomial(own) if _are_polynomials([own.numbers]) else None) or _of_any(own)
 
 
-def shared_extrema(part: Portion, quantities: Sequence[Expression], ranks: Ranks) -> list[tuple[Extreme, Extreme]]:
+def shared_extrema(part: Portion, quantities: Sequence[Expression], ranks: Ranks) -> list[tuple[Extremum, Extremum]]:
     """The extrema of quantities on data divided among several ranks; empty except at the first rank.
 
     Elements of all parts that may determine the extrema are sent there.
@@ -79,9 +79,9 @@ def shared_extrema(part: Portion, quantities: Sequence[Expression], ranks: Ranks
     return [_widened(each, radius) for each, radius in pairs if each is not None]
 
 
-def _shared(part: Portion, expression: Expression, ranks: Ranks) -> tuple[Extreme, Extreme] | None:
-    """The extremes of one quantity; None elsewhere than at the first rank."""
-    task = f"extremes of {expression.text}"
+def _shared(part: Portion, expression: Expression, ranks: Ranks) -> tuple[Extremum, Extremum] | None:
+    """The extrema of one quantity; None elsewhere than at the first rank."""
+    task = f"extrema of {expression.text}"
     if expression.is_field:
         name = expression.root.name
         whole = _gathered(part, deciding_extrema(part.dataset, name), ranks, task)
@@ -191,8 +191,8 @@ def _deciding_polynomial(own: _Quantity) -> Ints | None:
         return None
 
 
-def _of_polynomial(own: _Quantity) -> tuple[Extreme, Extreme] | None:
-    """The extremes of a polynomial, or of functions that grow with one; None if they have no values there."""
+def _of_polynomial(own: _Quantity) -> tuple[Extremum, Extremum] | None:
+    """The extrema of a polynomial, or of functions that grow with one; None if they have no values there."""
     try:
         least, greatest = (greatest_of(own.chosen, sign) for sign in (-1, 1))
     except _NotFiniteError:
@@ -210,13 +210,13 @@ def _of_polynomial(own: _Quantity) -> tuple[Extreme, Extreme] | None:
     return (found[0], found[1]) if all(np.isfinite(end.value) for end in found) else None
 
 
-def _extreme(patch: Patch, row: int, reference: Floats, value: float, bound: float, sign: int) -> Extreme:
+def _extreme(patch: Patch, row: int, reference: Floats, value: float, bound: float, sign: int) -> Extremum:
     """The extremum of a quantity with ``sign`` times it maximal at a reference point (1, d)."""
     x, y, z = map(float, pointwise.positions(patch, np.array([row]), reference)[0])
-    return Extreme(sign * value, sign * max(bound, value), (x, y, z), int(patch.element_ids[row]))
+    return Extremum(sign * value, sign * max(bound, value), (x, y, z), int(patch.element_ids[row]))
 
 
-def _of_any(own: _Quantity) -> tuple[Extreme, Extreme]:
+def _of_any(own: _Quantity) -> tuple[Extremum, Extremum]:
     """The extrema of any quantity; raises ElvisError without values."""
     least, greatest = (search.found() for search in _searches(own))
     return least, greatest
@@ -300,7 +300,7 @@ class _Search:
         is_here = self._place is not None and self._place[0] == number
         return np.append(rows, self._place[1]) if self._place is not None and is_here else rows
 
-    def found(self) -> Extreme:
+    def found(self) -> Extremum:
         """The extremum; raises ElvisError without values."""
         open_parts = self._kept(list(self._whole()))
         for depth in range(_ROUNDS):

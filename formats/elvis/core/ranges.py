@@ -1,4 +1,4 @@
-"""Certified ranges of fields: Bernstein bounds, made tight by halving elements where the extremes are.
+"""Certified ranges of fields: Bernstein bounds, made tight by halving elements where the extrema are.
 
 The gap between the bound and the values at the corners of the boxes (`elvis.core.polynomials.boxnets`) shrinks
 fourfold with each halving.
@@ -25,12 +25,12 @@ _NUMBERS_AT_ONCE = 1 << 19
 
 @dataclass(frozen=True)
 class Range:
-    """lower <= value <= upper everywhere, to rounding; ``least`` and ``greatest`` are values that are attained."""
+    """lower <= value <= upper everywhere, to rounding; ``minimum`` and ``maximum`` are values that are attained."""
 
     lower: float
     upper: float
-    least: float
-    greatest: float
+    minimum: float
+    maximum: float
 
     def widened(self, radius: float) -> Range:
         """The range whose ends hold for values with an error of at most the radius; itself where that is not known."""

@@ -80,12 +80,12 @@ def summary(whole: Dataset | Portion, quantities: Sequence[Expression] = (), ran
 class _Signs:
     """Signs of the Jacobian determinant.
 
-    The fields are its extremes at sample points, and the ids of elements where it is not positive there or is proved
+    The fields are its extrema at sample points, and the ids of elements where it is not positive there or is proved
     not to be positive elsewhere.
     """
 
-    least: float
-    greatest: float
+    minimum: float
+    maximum: float
     wrong: list[int]
 
     @staticmethod
@@ -225,18 +225,18 @@ def _ends_of(found: Range | None) -> Facts | None:
 
 
 def jacobian(blocks: Sequence[GeometryBlock], space: int) -> Facts:
-    """Extremes of the Jacobian determinant at quadrature points, and the elements where it is not positive there."""
+    """Extrema of the Jacobian determinant at quadrature points, and the elements where it is not positive there."""
     return _jacobian([_Signs.of(blocks, space)])
 
 
 def _jacobian(every: Sequence[_Signs]) -> Facts:
     """Facts about signs, combined from several sets of elements."""
-    least, greatest = min(own.least for own in every), max(own.greatest for own in every)
+    least, greatest = min(own.minimum for own in every), max(own.maximum for own in every)
     has_any = least < np.inf or any(own.wrong for own in every)
     return {
         "sampled_at": "Gauss points, one more in each direction than the map has modes",
-        "least": least if has_any else None,
-        "greatest": greatest if has_any else None,
+        "minimum": least if has_any else None,
+        "maximum": greatest if has_any else None,
         "elements_not_positive": sorted(number for own in every for number in own.wrong),
     }
 
@@ -284,7 +284,7 @@ def _field(dataset: Dataset, field: Field, every: Sequence[_Coefficients]) -> Fa
         "elements": sum(elements),
         "expansions": [_expansion(expansion, count) for expansion, count in counts.items()],
         "continuous": field.continuous,
-        "range": {name: _end(found, name) for name in ("lower", "upper", "least", "greatest")},
+        "range": {name: _end(found, name) for name in ("lower", "upper", "minimum", "maximum")},
         "nan": sum(own.nan for own in every),
         "infinite": sum(own.infinite for own in every),
         "elements_not_finite": sum(own.not_finite for own in every),

@@ -244,4 +244,4 @@ def _on_wall(point: CriticalPoint) -> CriticalPoint:
         return point
     word = point.kind.split()[0].replace("spiral", "focus")
     side = "attachment" if trace > 0 else "separation"
-    return CriticalPoint(f"{side} {word}", point.index, point.place, point.element, point.eigenvalues)
+    return CriticalPoint(f"{side} {word}", point.index, point.position, point.element, point.eigenvalues)

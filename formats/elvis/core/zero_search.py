@@ -71,7 +71,7 @@ class ZeroSearch(ABC):
     degree     degree of the components in each direction of the boxes, at least 1
     rows, xi   elements and reference coordinates of the zeros
     undecided  rows of elements in which the search ended before every box was decided
-    beside     rows of elements where that happened next to an outer side
+    near_boundary  rows of elements where that happened next to an outer side
     """
 
     def __init__(self, shape: Shape, degree: int) -> None:
@@ -79,7 +79,7 @@ class ZeroSearch(ABC):
         self.rows: list[int] = []
         self.xi: list[Floats] = []
         self.undecided: set[int] = set()
-        self.beside: set[int] = set()
+        self.near_boundary: set[int] = set()
 
     @abstractmethod
     def values(self, rows: Ints, lattice: Floats) -> Floats:
@@ -112,8 +112,8 @@ class ZeroSearch(ABC):
             if not len(boxes.rows):
                 return
             if depth >= _DEPTH_BESIDE:
-                near = self._is_beside(boxes, reference)
-                self.beside.update(boxes.rows[near].tolist())
+                near = self._is_near_boundary(boxes, reference)
+                self.near_boundary.update(boxes.rows[near].tolist())
                 boxes = boxes.part(~near)
                 boxes = self._without_crowds(boxes)
             if depth < _DEPTH:
@@ -186,7 +186,7 @@ class ZeroSearch(ABC):
         self.rows += rows[inner].tolist()
         self.xi += list(xi[inner])
 
-    def _is_beside(self, boxes: Boxes, reference: _Map) -> Bools:
+    def _is_near_boundary(self, boxes: Boxes, reference: _Map) -> Bools:
         """(k,) whether boxes touch the outer boundary."""
         d, ends = boxes.low.shape[1], (boxes.low, boxes.high)
         touched = []

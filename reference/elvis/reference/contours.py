@@ -26,7 +26,7 @@ class Displacement:
     """
 
     value: float
-    greatest: float | None
+    maximum: float | None
     mean: float | None
     worst: tuple[float, float] | None
     points: tuple[int, int]

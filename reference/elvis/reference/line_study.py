@@ -41,7 +41,7 @@ class Ends:
 
     name: str
     level: int | None = None
-    greatest: float | None = None
+    maximum: float | None = None
     median: float | None = None
     skipped: str | None = None
 

@@ -75,12 +75,12 @@ class Errors:
     @property
     def contour_max(self) -> float | None:
         """Largest displacement of a contour that both have, in pixels; None without contours."""
-        return max((own.greatest for own in self.contours if own.greatest is not None), default=None)
+        return max((own.maximum for own in self.contours if own.maximum is not None), default=None)
 
     @property
     def lost(self) -> int:
         """Contours that one of the pictures lacks."""
-        return sum(own.greatest is None for own in self.contours)
+        return sum(own.maximum is None for own in self.contours)
 
 
 def check_comparable(exact: Record, other: Record) -> None:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from elvis.core.dataset import Block, Dataset, Expansion, ExpansionRule, Field, Homogeneous
     from elvis.core.differences import diff
     from elvis.core.errors import ElvisError, FormatError
-    from elvis.core.extrema import Extreme
+    from elvis.core.extrema import Extremum
     from elvis.core.gridding import to_xarray
     from elvis.core.integrals import integrate
     from elvis.core.mesh import Composite, Curves, Entities, Mesh
@@ -87,7 +87,7 @@ __all__ = [
     "Entities",
     "Expansion",
     "ExpansionRule",
-    "Extreme",
+    "Extremum",
     "Faces",
     "Field",
     "FormatError",
@@ -196,7 +196,7 @@ NAMES = {
         "ElvisError",
         "FormatError",
     ),
-    "elvis.core.extrema": ("Extreme",),
+    "elvis.core.extrema": ("Extremum",),
     "elvis.core.gridding": ("to_xarray",),
     "elvis.core.integrals": ("integrate",),
     "elvis.core.mesh": (

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from elvis.core.dataset import Dataset
-from elvis.core.extrema import Extreme
+from elvis.core.extrema import Extremum
 from elvis.core.quantities import Expression
 from elvis.core.quantity_extrema import quantity_extrema
 
 
-def extrema(dataset: Dataset, quantity: str) -> tuple[Extreme, Extreme]:
+def extrema(dataset: Dataset, quantity: str) -> tuple[Extremum, Extremum]:
     """Minimum and maximum of a quantity over all elements, each with a certified bound.
 
     quantity  a field, or an expression such as ``sqrt(u^2+v^2)``

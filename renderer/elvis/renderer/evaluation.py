@@ -305,9 +305,9 @@ def _ranges(texts: Sequence[str], volume: Volume, sampled: Sequence[Sequence[Sam
         bounds = [give() for give in every if give is not None]
         values = np.concatenate([own[k].value for own in sampled])
         values = values[np.isfinite(values)]
-        found[text] = dict.fromkeys(("lower", "upper", "least", "greatest"))
+        found[text] = dict.fromkeys(("lower", "upper", "minimum", "maximum"))
         if len(values):
-            found[text].update(least=float(values.min()), greatest=float(values.max()))
+            found[text].update(minimum=float(values.min()), maximum=float(values.max()))
         if len(bounds) == len(every):
             low, high = np.nanmin([own[0].min() for own in bounds]), np.nanmax([own[1].max() for own in bounds])
             found[text].update(lower=float(low), upper=float(high))
@@ -315,9 +315,9 @@ def _ranges(texts: Sequence[str], volume: Volume, sampled: Sequence[Sequence[Sam
 
 
 def _jacobian(volume: Volume, sampled: Sequence[Sequence[Samples]]) -> dict[str, float]:
-    """Extremes of the determinant at the samples."""
+    """Extrema of the determinant at the samples."""
     found = np.concatenate([np.linalg.det(own[0].jacobian) for own in sampled])
-    return {"least": float(found.min()), "greatest": float(found.max())}
+    return {"minimum": float(found.min()), "maximum": float(found.max())}
 
 
 def _box(volume: Volume) -> dict[str, list[float]]:

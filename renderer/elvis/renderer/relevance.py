@@ -271,7 +271,7 @@ class Relevance:
             return np.empty(0, np.int64)
         found = validity(self.dataset)
         # the Jacobian of a straight tetrahedron may be computed in another way, with other rounding
-        is_doubtful = (found.status != ValidityStatus.POSITIVE) | (found.least <= _FLAT * found.error)
+        is_doubtful = (found.status != ValidityStatus.POSITIVE) | (found.minimum <= _FLAT * found.error)
         return np.asarray(found.element_ids[is_doubtful])
 
     def _quantity(self, part: Part, name: str) -> Part | Quantity:

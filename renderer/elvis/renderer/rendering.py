@@ -195,7 +195,7 @@ class Pictures:
             # bricks of another geometry are of no use; data that were read in parts have one geometry
             self._geometry, self._quantities, self._bricks = data, (), None
         if scene.range == "series":
-            raise SceneError("range: series needs the files of a series: expected seen, all or two values")
+            raise SceneError("range: series needs the files of a series: expected visible, all or two values")
         if not scene.field and isinstance(data, Dataset) and not data.solution:
             scene, data = of_mesh(scene), replace(data, remarks=(*data.remarks, REMARK))
         scene = scene if scene.field else replace(scene, field=default_field(data))

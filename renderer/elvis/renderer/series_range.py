@@ -39,7 +39,7 @@ def with_range(scene: Scene, is_kept: bool = True, series: Series | None = None,
         reading = replace(reading_for([coloured], is_kept), ranks=ranks)
         series = series_in(tuple(map(Path, scene.data)), reading)
     if series is None:
-        raise SceneError("range: expected several steps of a series, found one state: use seen, all or two values")
+        raise SceneError("range: expected several steps of a series, found one state: use visible, all or two values")
     return replace(scene, range=range_over(scene.field, series, scene.between, ranks))
 
 
@@ -59,7 +59,7 @@ def range_over(text: str, series: Series, between: str = BETWEEN[0], ranks: Rank
         found = quantity_range(dataset, expression) if part is None else _range_in_parts(part, expression, ranks)
         ends += [] if found is None else [found.lower, found.upper]
     if not ends or not np.isfinite(ends).all():
-        raise SceneError(f"range: no bounds of {text} over all steps are known: expected seen or two values")
+        raise SceneError(f"range: no bounds of {text} over all steps are known: expected visible or two values")
     return automatic_range(np.array(ends))
 
 

@@ -291,7 +291,7 @@ class Painter:
     def _scene_range(self, quantity: str | None, style: Style) -> object:
         """The range of a colour map as the scene has it: two values are meant for the scene's own field."""
         general = self.scene.range if quantity is None or isinstance(self.scene.range, str) else None
-        return style.range or general or "seen"
+        return style.range or general or "visible"
 
     def values(self, draw_call: DrawCall) -> Floats:
         """(k,) ascending values of a draw call's contours."""
@@ -300,7 +300,7 @@ class Painter:
         if contours.count is None:
             return np.unique(np.asarray(contours.values, dtype=np.float64))
         quantity = self.of_contours(draw_call)
-        asked = self._scene_range(quantity, draw_call.style) if quantity == draw_call.quantity else "seen"
+        asked = self._scene_range(quantity, draw_call.style) if quantity == draw_call.quantity else "visible"
         return levels(*self.range_of(quantity, asked), contours.count)
 
     def legends(self, draw_calls: Sequence[DrawCall]) -> tuple[Legend, ...]:
@@ -323,7 +323,7 @@ class Painter:
     def _constant(self, key: Key) -> float | None:
         """The only visible value of a colour map's quantity, if its range is automatic."""
         low, high = self._seen.get(key[0], (-np.inf, np.inf))
-        return low if key[2] == "seen" and is_constant(low, high) else None
+        return low if key[2] == "visible" and is_constant(low, high) else None
 
     @property
     def text_color(self) -> Vector:
@@ -366,7 +366,7 @@ class Painter:
         if draw_calls and not all(item.transfer.colors for item in volumes):
             return False
         return all(
-            (draw_call.style.color is not None or self._scene_range(draw_call.quantity, draw_call.style) != "seen")
+            (draw_call.style.color is not None or self._scene_range(draw_call.quantity, draw_call.style) != "visible")
             and (draw_call.style.contours is None or draw_call.style.contours.count is None)
             for draw_call in draw_calls
         )

@@ -146,11 +146,11 @@ def _line(degree: int) -> dict[str, Floats]:
               it lacks
     net_size  (1,) the greatest sum of magnitudes in a row of ``net``
     """
-    nodes = _extremes(degree)
+    nodes = _extrema(degree)
     net = np.linalg.inv(bernstein_values(BernsteinSpace(Shape.SEGMENT, (degree,)), nodes[:, None]))
 
     # the series through all places, without its last terms, by its values at the nodes
-    places = _extremes(degree + MORE)
+    places = _extrema(degree + MORE)
     series = np.linalg.inv(chebvander(places, degree + MORE))
     fit = np.vstack([net @ chebvander(nodes, degree) @ series[:-MORE], series[-MORE:]])
     size = np.abs(net).sum(axis=-1).max(keepdims=True)
@@ -158,6 +158,6 @@ def _line(degree: int) -> dict[str, Floats]:
     return {name: frozen_floats(array) for name, array in arrays.items()}
 
 
-def _extremes(degree: int) -> Floats:
+def _extrema(degree: int) -> Floats:
     """(degree + 1,) where the Chebyshev polynomial of a degree is 1 or -1, ascending."""
     return -np.cos(np.pi * np.arange(degree + 1) / max(degree, 1))

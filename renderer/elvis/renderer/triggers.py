@@ -48,7 +48,7 @@ class Condition:
         if known is None:
             return False
         # an extreme lies between the certified bound and the best value that is attained
-        low, high = (known.greatest, known.upper) if self.end == "max" else (known.lower, known.least)
+        low, high = (known.maximum, known.upper) if self.end == "max" else (known.lower, known.minimum)
         return high >= self.number if self.above else low <= self.number
 
 

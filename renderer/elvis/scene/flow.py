@@ -63,7 +63,7 @@ def cores_of(item: Streamlines) -> CoreLimits | None:
     """Which cores of vortices an object shows; None where it shows lines from seeds."""
     if item.cores is None:
         return None
-    return CoreLimits(item.cores, item.least_swirl, least_length=item.least_length)
+    return CoreLimits(item.cores, item.min_swirl, min_length=item.min_length)
 
 
 def curves_in(data: FlowSource, item: Streamlines, make: MakeTracer = Tracer) -> Curves:

@@ -224,8 +224,8 @@ class Streamlines(Model, of="streamlines"):
             metavar="CURVE",
         ),
     ] = None
-    least_swirl: Annotated[float, Setting("Minimum swirl rate of cores, in radians per unit of time.", ge=0)] = 0.0
-    least_length: Annotated[float, Setting("Minimum length of cores.", ge=0)] = 0.0
+    min_swirl: Annotated[float, Setting("Minimum swirl rate of cores, in radians per unit of time.", ge=0)] = 0.0
+    min_length: Annotated[float, Setting("Minimum length of cores.", ge=0)] = 0.0
     style: Annotated[Style, Setting("Appearance of the lines.")] = field(default_factory=Style)
     kind: Literal["streamlines"] = field(default="streamlines", kw_only=True)
     option: ClassVar = Setting(
@@ -262,8 +262,8 @@ class Streamlines(Model, of="streamlines"):
     def _check_cores(self) -> None:
         """Raise SceneError if seeds are combined with cores, or if settings of cores are given without cores."""
         if self.cores is None:
-            alone = not self.least_swirl and not self.least_length
-            check(alone, "streamlines", "cores with least_swirl and least_length", "none")
+            alone = not self.min_swirl and not self.min_length
+            check(alone, "streamlines", "cores with min_swirl and min_length", "none")
             if self.along is not None:
                 self._check_no_seeds("along")
                 check(self.velocity is None, "along of streamlines", "no velocity", self.velocity)

@@ -34,7 +34,7 @@ def save_step(frame: Frame, step: int, time: float, is_from_file: bool) -> list[
 def first_outputs(scene: Scene) -> list[str]:
     """Outputs of the first step; SceneError if later steps can't be drawn, or if an output can't be written."""
     if scene.range == "series":
-        raise SceneError("range: later steps are not known: expected seen, all or two values")
+        raise SceneError("range: later steps are not known: expected visible, all or two values")
     outputs = outputs_of(scene, 0, 0.0)
     for name in outputs:
         check_suffix(Path(name))

@@ -269,14 +269,14 @@ class Scene(Model):
         ),
     ] = "viridis"
     range: Annotated[
-        tuple[float, float] | Literal["seen", "all", "series"] | None,
+        tuple[float, float] | Literal["visible", "all", "series"] | None,
         Setting(
-            "Ends of the colour map: two values, seen (range in the picture), all (certified bounds of the field), or "
-            "series (range over all steps).",
+            "Ends of the colour map: two values, visible (range in the picture), all (certified bounds of the field), "
+            "or series (range over all steps).",
             option="--range",
-            metavar="LOW:HIGH|seen|all|series",
+            metavar="LOW:HIGH|visible|all|series",
             parse="color_range",
-            default="seen",
+            default="visible",
         ),
     ] = None
     bar: Annotated[
@@ -517,7 +517,7 @@ class Scene(Model):
         check(good, "region", "x0 < x1 and y0 < y1", ends)
         check(len(self.background) in (3, 4), "background", "3 numbers, or 4", len(self.background))
         if isinstance(self.range, str):
-            check(self.range in ("seen", "all", "series"), "range", "seen, all, series or two values", self.range)
+            check(self.range in ("visible", "all", "series"), "range", "visible, all, series or two values", self.range)
         else:
             check_range(self.range)
 

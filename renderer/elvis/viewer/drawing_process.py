@@ -140,7 +140,7 @@ class _Drawing:
             "line": self._line,
             "check": self._check,
             "histogram": self._histogram,
-            "extremes": self._extremes,
+            "extrema": self._extrema,
             "linear": self._linear,
             "save": self._save,
             "follow": self._follow,
@@ -384,16 +384,16 @@ class _Drawing:
             }
         return self._histograms[text]
 
-    def _extremes(self, _: int, text: str) -> list[Table]:
+    def _extrema(self, _: int, text: str) -> list[Table]:
         """The least and the greatest value of a quantity over all elements, and where they are."""
         from elvis.core.quantities import Expression
         from elvis.core.quantity_extrema import quantity_extrema
 
-        dataset = self._dataset("extremes")
+        dataset = self._dataset("extrema")
         ends = quantity_extrema(dataset, Expression.of(dataset, text))
-        found = zip(("least", "greatest"), ends, strict=True)
+        found = zip(("minimum", "maximum"), ends, strict=True)
         keys = ("field", "value", "position", "element", "status")
-        return [dict(zip(keys, (text, own.value, list(own.place), own.element, n), strict=True)) for n, own in found]
+        return [dict(zip(keys, (text, own.value, list(own.position), own.element, n), strict=True)) for n, own in found]
 
     def _check(self, _: int, text: str) -> str:
         """Nothing; ElvisError where a text names no quantity."""

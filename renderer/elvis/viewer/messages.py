@@ -150,7 +150,7 @@ class History(Message):
 class OfQuantity(Message):
     """A question about one quantity."""
 
-    type: Literal["check", "histogram", "extremes", "series range"]
+    type: Literal["check", "histogram", "extrema", "series range"]
     id: Id
     content: Text | None = None
 

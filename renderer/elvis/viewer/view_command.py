@@ -79,7 +79,7 @@ def view(
     if not scene.data:
         raise SceneError("the scene names no data; also give the mesh and field files")
     if live and scene.range == "series":
-        raise SceneError("range: later steps are not known: expected seen, all or two values")
+        raise SceneError("range: later steps are not known: expected visible, all or two values")
     scene = with_range(scene, not no_cache)
     for path in expanded(tuple(map(Path, scene.data))) if not live else ():
         check_plain_or_folder(path)

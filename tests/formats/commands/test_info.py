@@ -24,7 +24,7 @@ def test_facts_of_a_curved_pipe(elvis_json, pipe):
     assert facts["mesh"]["elements"] == {"tetrahedron": 428, "prism": 136}
     assert facts["mesh"]["elements_in_domain"] == 564
     assert facts["mesh"]["curved_edges"] == 221
-    assert facts["geometry"]["jacobian"]["least"] > 0
+    assert facts["geometry"]["jacobian"]["minimum"] > 0
     assert facts["geometry"]["jacobian"]["elements_not_positive"] == []
     assert [field["name"] for field in facts["fields"]] == ["u", "v"]
     assert {expansion["shape"] for expansion in facts["fields"][0]["expansions"]} == {"tetrahedron", "prism"}
@@ -107,7 +107,7 @@ def test_predefined_quantities_are_listed_with_missing_inputs(nektar, elvis, elv
     with pytest.raises(click.UsageError, match="found several"):
         elvis("info", "--quantities", "--strict", *files)
     y_plus = elvis_json("info", "--field", "y_plus", *files)["quantities"]["y_plus"]
-    assert 0 < y_plus["least"] < y_plus["greatest"]
+    assert 0 < y_plus["minimum"] < y_plus["maximum"]
     assert y_plus["upper"] is None
 
 
@@ -136,7 +136,7 @@ def test_positive_jacobians_are_proved(elvis, elvis_json, pipe):
     assert elvis("info", "--jacobian", *pipe[0]).startswith("564 of 564 elements have a positive Jacobian everywhere")
     facts = elvis_json("info", "--jacobian", *pipe[0])
     assert (facts["positive"], facts["not_positive"], facts["undecided"], facts["listed"]) == (564, 0, 0, [])
-    assert 0 < facts["range"]["lower"] <= facts["range"]["least"]
+    assert 0 < facts["range"]["lower"] <= facts["range"]["minimum"]
 
 
 def test_elements_with_negative_jacobian_are_listed_with_a_point(tmp_path):
@@ -149,8 +149,8 @@ def test_elements_with_negative_jacobian_are_listed_with_a_point(tmp_path):
     assert "not positive" in shown.stdout
     facts = json.loads(CliRunner().invoke(group, ["info", "--jacobian", "--json", path]).stdout)
     (row,) = facts["listed"]
-    assert (row["element"], row["shape"], row["verdict"]) == (0, "tetrahedron", "not positive")
-    assert row["lower"] <= row["least"] < 0
+    assert (row["element"], row["shape"], row["status"]) == (0, "tetrahedron", "not positive")
+    assert row["lower"] <= row["minimum"] < 0
     assert len(row["reference"]) == len(row["world"]) == 3
 
 
@@ -209,13 +209,13 @@ def test_extrema_have_positions(nektar, elvis, elvis_json):
     channel = nektar / "chan3d_tet" / "chan3D.xml", nektar / "chan3d_tet" / "chan3D.fld"
     found = elvis_json("info", *channel, "--extrema", "--field", "u")
     assert list(found) == ["u"]
-    assert found["u"]["greatest"]["value"] == pytest.approx(1, abs=1e-12)
-    assert found["u"]["greatest"]["place"][2] == pytest.approx(0, abs=1e-5)
-    assert abs(found["u"]["least"]["place"][2]) == pytest.approx(1)
+    assert found["u"]["maximum"]["value"] == pytest.approx(1, abs=1e-12)
+    assert found["u"]["maximum"]["position"][2] == pytest.approx(0, abs=1e-5)
+    assert abs(found["u"]["minimum"]["position"][2]) == pytest.approx(1)
     assert elvis("info", *channel, "--extrema", "--field", "p").splitlines()[0].split()[:2] == ["quantity", "value"]
     (found,) = elvis_json("info", *channel, "--extrema", "--field", "u^2 + 0.1*z").values()
     turns = np.roots([4, 0, -4, 0.1])  # of (1 - z^2)^2 + z/10
-    assert found["greatest"]["value"] == pytest.approx(max((1 - z**2) ** 2 + 0.1 * z for z in turns[1:]), rel=1e-12)
+    assert found["maximum"]["value"] == pytest.approx(max((1 - z**2) ** 2 + 0.1 * z for z in turns[1:]), rel=1e-12)
 
 
 def test_points_on_walls_are_classified(tmp_path, elvis, elvis_json):
@@ -231,7 +231,7 @@ def test_points_on_walls_are_classified(tmp_path, elvis, elvis_json):
     write(Dataset(bare.mesh, tuple(fields)), *files)
     found = elvis_json("info", *files, "--critical", "--wall", "all")
     assert [point["kind"] for point in found["points"]] == ["separation node"] * 6
-    places = sorted(point["place"] for point in found["points"])
+    places = sorted(point["position"] for point in found["points"])
     assert places[0] == pytest.approx([0, 0.6, 0.3], abs=1e-10)
     assert places[-1] == pytest.approx([1, 0.6, 0.3], abs=1e-10)
     assert found["undecided"] == []

@@ -108,7 +108,7 @@ def test_cores(eddy, elvis, elvis_json, tmp_path):
     found = elvis_json("trace", *eddy, "--cores", "--criterion", "vorticity")
     assert (found["lines"], found["ends"], found["undecided"]) == (1, {"boundary": 2}, [])
     assert found["lengths"] == pytest.approx([1.0])
-    assert elvis("trace", *eddy, "--cores", "--least-swirl", "1.1").strip() == "no vortex cores"
+    assert elvis("trace", *eddy, "--cores", "--min-swirl", "1.1").strip() == "no vortex cores"
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from elvis.core.arguments import cache_option, overwrite_option, reader_option, 
 from elvis.core.errors import ElvisError
 
 if TYPE_CHECKING:
-    from elvis.plugins.series.extremes import FitError
+    from elvis.plugins.series.extrema import FitError
     from elvis.plugins.series.series import Series
     from elvis.plugins.series.statistics import Average
 
@@ -28,7 +28,7 @@ Examples:
 
 FILE = click.Path(path_type=Path)
 
-#: endings of names of extremes
+#: endings of names of extrema
 _ENDINGS = ("_min", "_max", "_time")
 #: relative residual of covariance fits above which a message is printed
 _ROUNDING = 1e-11
@@ -75,7 +75,7 @@ def _write_mean_mode(
 
     if not is_alone or output.suffix != ".xml":
         context = click.get_current_context()
-        expected = "expected --direction with -o NAME.xml, without --covariances, --extremes, --order and --wall"
+        expected = "expected --direction with -o NAME.xml, without --covariances, --extrema, --order and --wall"
         raise click.UsageError(expected, context)
     reading = Reading(None, options)
     if series_in(files, reading) is not None:
@@ -122,7 +122,7 @@ def _write_wall(series: Series, wall: str, over: str, output: Path) -> None:
 )
 @click.option("--covariances", is_flag=True, help="Also write the covariances u_u, u_v, … of all pairs of fields.")
 @click.option(
-    "--extremes",
+    "--extrema",
     is_flag=True,
     help="Also write the minimum and maximum over the steps, u_min and u_max, and their times, u_min_time and "
     "u_max_time; error bounds are printed.",
@@ -153,7 +153,7 @@ def average(
     output: Path,
     over: str,
     covariances: bool,
-    extremes: bool,
+    extrema: bool,
     order: int | None,
     wall: str | None,
     direction: str | None,
@@ -179,20 +179,20 @@ def average(
     files = expanded(data)
     check_places([output, output.with_suffix(".fld")] if has_mesh else [output], files, overwrite)
     if direction is not None:
-        _write_mean_mode(files, direction, output, not (covariances or extremes or order or wall), pairs(reader))
+        _write_mean_mode(files, direction, output, not (covariances or extrema or order or wall), pairs(reader))
         return
     series = open_series(*files, reader=pairs(reader), cache=not no_cache, reference=reference)
     if wall is not None:
-        if not has_mesh or covariances or extremes or order is not None:
+        if not has_mesh or covariances or extrema or order is not None:
             context = click.get_current_context()
             raise click.UsageError(
-                "expected --wall with -o NAME.xml, without --covariances, --extremes, --order", context
+                "expected --wall with -o NAME.xml, without --covariances, --extrema, --order", context
             )
         _write_wall(series, wall, over, output)
         return
     if not (has_mesh or series.is_native):
         raise ElvisError(f"{output}: expected a name ending in .xml, as the mesh is converted")
-    found = mean_of(series, over, covariances, order, extremes)
+    found = mean_of(series, over, covariances, order, extrema)
     _tell(found, order)
     written = write(found.dataset, output) if has_mesh else write(found.dataset, field_path=output)
     say(f"{', '.join(map(str, written))}: mean of {_span(found, series)}")

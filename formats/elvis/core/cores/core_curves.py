@@ -32,7 +32,7 @@ def core_curves(
     found = core_arcs(dataset, velocity, limits, progress=progress)
     data = flow_data(dataset)
     own = data.velocity(data.components(components_of(velocity)))
-    courses = [course for course in found.courses() if _length(course, found) >= limits.least_length]
+    courses = [course for course in found.courses() if _length(course, found) >= limits.min_length]
     elements = [_element_of(found, number) for number in range(len(found.arcs))]
     places = _places(own, np.array(elements, np.int64))
     pieces = Pieces.joined(

@@ -32,14 +32,14 @@ class CoreLimits:
     """Criteria for cores: settings of `vortex_cores`."""
 
     criterion: str = "acceleration"
-    least_swirl: float = 0.0
+    min_swirl: float = 0.0
     only_q: bool = False
-    least_length: float = 0.0
+    min_length: float = 0.0
     spacing: float | None = None
 
     def check(self) -> None:
         """Raise ElvisError for negative limits, and a spacing that is not positive."""
-        for name, limit in (("least swirl", self.least_swirl), ("least length", self.least_length)):
+        for name, limit in (("minimum swirl", self.min_swirl), ("minimum length", self.min_length)):
             if not limit >= 0:
                 raise ElvisError(f"{name}: expected a number that is not negative, found {limit}")
         positive("spacing", self.spacing)
@@ -57,7 +57,7 @@ class CoreArcs:
     vertices   of the mesh, (n, k) for the elements of each of its patches
     interfaces  (n,) which of these elements have sides that don't match
     undecided  ids of elements that may contain further cores
-    beside     ids of elements where this is the case only within 1/64 of a place at rest
+    near_rest  ids of elements where this is the case only within 1/64 of a place at rest
     """
 
     parallel: ParallelVectors
@@ -65,7 +65,7 @@ class CoreArcs:
     vertices: Sequence[Ints]
     interfaces: Sequence[Bools]
     undecided: tuple[int, ...]
-    beside: tuple[int, ...]
+    near_rest: tuple[int, ...]
 
     def courses(self) -> Iterator[Course]:
         """The lines that they are parts of."""
@@ -91,10 +91,10 @@ def core_arcs(
     apart = SPACING * size(patches) if limits.spacing is None else float(limits.spacing)
     arcs: list[WorldArc] = []
     undecided: list[int] = []
-    beside: list[int] = []
+    near_rest: list[int] = []
     done, planned = 0, sum(map(len, patches))
     for number, patch in enumerate(patches):
-        search = CoreSearch(parallel, patch, limits.least_swirl, limits.only_q)
+        search = CoreSearch(parallel, patch, limits.min_swirl, limits.only_q)
         for rows in chunks(len(patch), _CHUNK):
             own = np.arange(len(patch))[rows]
             search.run(own)
@@ -105,9 +105,11 @@ def core_arcs(
         found = tracing.run(*search.points())
         arcs += [WorldArc.of(patch, number, arc) for arc in found]
         undecided += patch.element_ids[sorted(search.undecided | tracing.failed)].tolist()
-        beside += patch.element_ids[sorted(search.beside - search.undecided)].tolist()
+        near_rest += patch.element_ids[sorted(search.near_rest - search.undecided)].tolist()
     tables, interfaces = _surroundings(dataset, patches)
-    return CoreArcs(parallel, distinct_arcs(arcs), tables, interfaces, tuple(sorted(undecided)), tuple(sorted(beside)))
+    return CoreArcs(
+        parallel, distinct_arcs(arcs), tables, interfaces, tuple(sorted(undecided)), tuple(sorted(near_rest))
+    )
 
 
 def _surroundings(dataset: Dataset, patches: Sequence[Patch]) -> tuple[list[Ints], list[Bools]]:

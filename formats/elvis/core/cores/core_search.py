@@ -40,7 +40,7 @@ class CoreSearch:
 
     rows, xi   elements and reference coordinates of points of cores, several for most cores
     undecided  rows of elements in which boxes were left
-    beside     rows of elements in which boxes of 1/64 were left that touch a place at rest, as edges of walls are
+    near_rest  rows of elements in which boxes of 1/64 were left that touch a place at rest, as edges of walls are
     limits     (n,) turning that counts in each element of the patch
     walls      (n, k) the facets of each on which the velocity is zero
     """
@@ -55,7 +55,7 @@ class CoreSearch:
         self.rows: list[Ints] = []
         self.xi: list[Floats] = []
         self.undecided: set[int] = set()
-        self.beside: set[int] = set()
+        self.near_rest: set[int] = set()
         self._counts = np.zeros(len(patch), np.int64)
 
     def run(self, rows: Ints) -> None:
@@ -75,7 +75,7 @@ class CoreSearch:
                 left = self._left(boxes)
                 if depth >= _DEPTH_AT_REST:
                     resting = left.rest_at_corners()
-                    self.beside.update(left.rows[resting].tolist())
+                    self.near_rest.update(left.rows[resting].tolist())
                     left = left.part(~resting)
                 if depth == _DEPTH:
                     self.undecided.update(left.rows.tolist())

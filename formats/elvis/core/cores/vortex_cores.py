@@ -46,7 +46,7 @@ class VortexCores:
     swirl      (m,)    imaginary part of the complex eigenvalues of the velocity's gradient, lambda_ci
     values     further quantities (m,) by name
     undecided  ids of elements in which it could not be decided whether there are more
-    beside     ids of elements that are undecided only within 1/64 of a point at rest, such as edges of walls
+    near_rest  ids of elements that are undecided only within 1/64 of a point at rest, such as edges of walls
     """
 
     offsets: Ints
@@ -60,7 +60,7 @@ class VortexCores:
     swirl: Floats
     values: Mapping[str, Floats]
     undecided: tuple[int, ...]
-    beside: tuple[int, ...]
+    near_rest: tuple[int, ...]
 
     def __len__(self) -> int:
         return len(self.first)
@@ -129,9 +129,9 @@ def vortex_cores(
     velocity: Sequence[str] | str | None = None,
     *,
     criterion: str = "acceleration",
-    least_swirl: float = 0.0,
+    min_swirl: float = 0.0,
     only_q: bool = False,
-    least_length: float = 0.0,
+    min_length: float = 0.0,
     spacing: float | None = None,
     fields: Sequence[str] = (),
     progress: Progress | None = None,
@@ -140,10 +140,10 @@ def vortex_cores(
 
     velocity      its components, as texts or one text with commas; None for the usual names in the data
     criterion     acceleration: the convective derivative (grad v) v, as Sujudi and Haimes; or vorticity
-    least_swirl   minimum imaginary part of the gradient's complex eigenvalues, a rate of rotation in radians per unit
+    min_swirl   minimum imaginary part of the gradient's complex eigenvalues, a rate of rotation in radians per unit
                   of time
     only_q        only parts with positive Q = -tr((grad v)^2)/2
-    least_length  minimum length of lines in the world
+    min_length  minimum length of lines in the world
     spacing       maximum distance of points along a line; None: 1/200 of the size of the data
     fields        additional quantities at the points
     progress      receives the number of elements searched, and the total
@@ -153,12 +153,12 @@ def vortex_cores(
     """
     names = Names.of(dataset)
     others = column_expressions(fields, names, _TAKEN)
-    limits = CoreLimits(criterion, least_swirl, only_q, least_length, spacing)
+    limits = CoreLimits(criterion, min_swirl, only_q, min_length, spacing)
     found = core_arcs(dataset, velocity, limits, others, progress)
-    return _assembled(dataset, found, others, least_length)
+    return _assembled(dataset, found, others, min_length)
 
 
-def _assembled(dataset: Dataset, found: CoreArcs, others: Sequence[Expression], least_length: float) -> VortexCores:
+def _assembled(dataset: Dataset, found: CoreArcs, others: Sequence[Expression], min_length: float) -> VortexCores:
     """Lines assembled from arcs, with values at their points."""
     arcs, parallel = found.arcs, found.parallel
     neighbours = Neighbours.of(dataset, parallel.evaluator.patches)
@@ -167,7 +167,7 @@ def _assembled(dataset: Dataset, found: CoreArcs, others: Sequence[Expression], 
     lines: list[_Line] = []
     for course in found.courses():
         line = _Line.of(course, arcs, parallel, others)
-        if line.length[-1] >= least_length:
+        if line.length[-1] >= min_length:
             lines.append(line.with_ends(course, arcs, outer, words))
     order = sorted(lines, key=lambda own: -own.length[-1])
     none = _Line.none(len(others))
@@ -185,7 +185,7 @@ def _assembled(dataset: Dataset, found: CoreArcs, others: Sequence[Expression], 
         np.concatenate([own.swirl for own in every]),
         {each.text: values[:, column] for column, each in enumerate(others)},
         found.undecided,
-        found.beside,
+        found.near_rest,
     )
 
 

@@ -26,7 +26,7 @@ from elvis.core.differences.greatest import (
 from elvis.core.differences.overlaps import bound_of_difference
 from elvis.core.differences.pairing import REFERENCE, Pair, common_fields, theirs
 from elvis.core.errors import ElvisError
-from elvis.core.extrema import Extreme
+from elvis.core.extrema import Extremum
 from elvis.core.files.columns import Columns
 from elvis.core.hints import perhaps
 from elvis.core.integrals.groups import Sums
@@ -232,7 +232,7 @@ def _remarks(rows: Sequence[Difference]) -> Iterator[str]:
             yield f"{row.field}: the maximum difference is {known}; no tighter bound is proved"
 
 
-def _difference(name: str, sums: Sums, greatest: Extreme) -> Difference:
+def _difference(name: str, sums: Sums, greatest: Extremum) -> Difference:
     """The norms of a field's difference from the integrals of `_Compared`."""
     size = np.sqrt(sums.value[3])
     l1, squares, slopes = sums.value[:3]
@@ -244,7 +244,7 @@ def _difference(name: str, sums: Sums, greatest: Extreme) -> Difference:
         h1=float(np.sqrt(squares + slopes)),
         linf=greatest.value,
         bound=greatest.bound,
-        where=greatest.place,
+        where=greatest.position,
         element=greatest.element,
         relative=float(np.sqrt(squares) / size) if size > 0 else np.nan,
         covered=float(sums.measure[4] / sums.measure[5]),
@@ -255,7 +255,7 @@ def _difference(name: str, sums: Sums, greatest: Extreme) -> Difference:
     )
 
 
-def _greatest_of(found: Sequence[Extreme]) -> Extreme:
+def _greatest_of(found: Sequence[Extremum]) -> Extremum:
     """The largest of several magnitudes, and the largest of their bounds."""
     known = [own for own in found if np.isfinite(own.value)] or list(found)
     best = max(known, key=lambda own: own.value)
@@ -290,7 +290,7 @@ class _Compared:
         self.held = [patch for patch in self._evaluator.patches if patch.fields[column] is not None]
         self.sums = self._summed(slopes)
 
-    def greatest(self) -> Extreme:
+    def greatest(self) -> Extremum:
         """The largest magnitude of the difference."""
         found = None
         if self._is_common:
@@ -311,7 +311,7 @@ class _Compared:
         best, doubtful = known
         return self._or_near(best, doubtful)
 
-    def _or_near(self, best: Extreme, points: Floats) -> Extreme:
+    def _or_near(self, best: Extremum, points: Floats) -> Extremum:
         """The largest difference so far, or a larger one near points (n, 3)."""
         if not len(points):
             return best

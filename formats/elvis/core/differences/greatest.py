@@ -14,7 +14,7 @@ import numpy as np
 from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
-from elvis.core.extrema import Extreme, extrema_of_difference
+from elvis.core.extrema import Extremum, extrema_of_difference
 from elvis.core.mapping import pointwise
 from elvis.core.mapping.locate import Location, Locator
 from elvis.core.patch import Patch
@@ -37,7 +37,7 @@ _AROUND = 5
 _CLOSER = 0.4
 
 
-def greatest_of_fields(dataset: Dataset, name: str, other: str) -> Extreme | None:
+def greatest_of_fields(dataset: Dataset, name: str, other: str) -> Extremum | None:
     """The largest magnitude of the difference of two fields of a dataset; None with Fourier directions."""
     try:
         ends = extrema_of_difference(dataset, name, other)
@@ -70,7 +70,7 @@ class _Places:
         return self.part(best[np.isfinite(self.values[best])])
 
 
-def greatest_at_points(evaluator: Evaluator, held: Sequence[Patch], expression: Expression) -> Extreme:
+def greatest_at_points(evaluator: Evaluator, held: Sequence[Patch], expression: Expression) -> Extremum:
     """The largest magnitude of an expression, from points of a lattice in every element and around the best of these.
 
     held  the elements, of the evaluator's
@@ -86,7 +86,7 @@ def greatest_at_points(evaluator: Evaluator, held: Sequence[Patch], expression: 
     return _best(found)
 
 
-def greatest_near(evaluator: Evaluator, held: Sequence[Patch], expression: Expression, points: Floats) -> Extreme:
+def greatest_near(evaluator: Evaluator, held: Sequence[Patch], expression: Expression, points: Floats) -> Extremum:
     """The maximum magnitude as in `greatest`, from world points (n, 3) and around the best of these."""
     location = Locator(held).locate(points)
     found = []
@@ -151,15 +151,15 @@ def _polished(evaluator: Evaluator, expression: Expression, starts: _Places, wid
     return places.part(np.argsort(-places.values, kind="stable"))
 
 
-def _best(found: Sequence[_Places]) -> Extreme:
+def _best(found: Sequence[_Places]) -> Extremum:
     """The maximum of all places; the first of each set is its maximum."""
     known = [places for places in found if len(places.values)]
     if not known:
-        return Extreme(np.nan, np.nan, (np.nan,) * 3, -1)
+        return Extremum(np.nan, np.nan, (np.nan,) * 3, -1)
     best = max(known, key=lambda places: float(places.values[0]))
     patch, row = best.patch, best.rows[:1]
     x, y, z = map(float, pointwise.positions(patch, row, _points(patch, best.eta[:1]))[0])
-    return Extreme(float(best.values[0]), np.nan, (x, y, z), int(patch.element_ids[row[0]]))
+    return Extremum(float(best.values[0]), np.nan, (x, y, z), int(patch.element_ids[row[0]]))
 
 
 def _valued(evaluator: Evaluator, expression: Expression, patch: Patch, rows: Ints, eta: Floats) -> _Places:

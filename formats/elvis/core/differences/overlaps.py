@@ -18,7 +18,7 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.differences.bent_pairs import DOUBTFUL, bound_of_bent_pairs, middles
 from elvis.core.differences.compositions import Composed, Composition, PairBoxes, degree_on
 from elvis.core.differences.prepared import Side, sides
-from elvis.core.extrema import Extreme
+from elvis.core.extrema import Extremum
 from elvis.core.mapping.margins import heights
 from elvis.core.patch import Patch
 from elvis.core.polynomials.boxnets import all_halves, corners
@@ -42,14 +42,14 @@ _INSIDE = 8 * UNIT
 class _Search:
     """The largest difference so far, how many coefficients may still be taken, and world points of open boxes."""
 
-    best: Extreme
+    best: Extremum
     budget: int = _MOST
     doubtful: list[Floats] = field(default_factory=list)
 
 
 def bound_of_difference(
-    first: Sequence[Patch], second: Sequence[Patch], found: Extreme
-) -> tuple[Extreme, Floats] | None:
+    first: Sequence[Patch], second: Sequence[Patch], found: Extremum
+) -> tuple[Extremum, Floats] | None:
     """The maximum magnitude of the difference with an upper bound; None without a bound.
 
     Also world points (n, 3) near which a larger difference isn't excluded.
@@ -206,7 +206,7 @@ class _Pairs:
         x, y, z = [*map(float, place), 0.0, 0.0][:3]
         side, row = (self._outer, boxes.rows[box]) if self._is_ours else (self._inner, boxes.others[box])
         element = int(side.patch.element_ids[row])
-        self._search.best = Extreme(float(values[box, corner]), np.nan, (x, y, z), element)
+        self._search.best = Extremum(float(values[box, corner]), np.nan, (x, y, z), element)
 
 
 def _magnitudes(nets: Floats) -> Floats:

@@ -38,7 +38,7 @@ _CLOSER = 8
 def quantity_range(dataset: Dataset, expression: Expression) -> Range | None:
     """lower <= value <= upper wherever there is a value, to rounding; None if there are no elements or no values.
 
-    ``least`` and ``greatest`` are values that are attained.  Ends are infinite if nothing is known: for expressions
+    ``minimum`` and ``maximum`` are values that are attained.  Ends are infinite if nothing is known: for expressions
     with poles or second derivatives, and for derivatives on surfaces in space and in quasi-3D data.  Ends of converted
     data include the error of the conversion, an estimate, where it is known.
     """
@@ -54,10 +54,10 @@ def _own_range(dataset: Dataset, expression: Expression) -> Range | None:
     if any(patch.homogeneous for patch in evaluator.patches):
         return _sampled(evaluator, expression)[0]
     search = _Search(evaluator, expression)
-    if not np.isfinite(search.greatest):
+    if not np.isfinite(search.maximum):
         return None
     upper, lower = search.bound(1), 0.0 - search.bound(-1)
-    return Range(min(lower, search.least), max(upper, search.greatest), search.least, search.greatest)
+    return Range(min(lower, search.minimum), max(upper, search.maximum), search.minimum, search.maximum)
 
 
 def deciding_elements(dataset: Dataset, expression: Expression) -> Ints:
@@ -75,18 +75,18 @@ def deciding_elements(dataset: Dataset, expression: Expression) -> Ints:
 
 
 class _Search:
-    """The elements that have an expression; extremes that are known to be attained."""
+    """The elements that have an expression; extrema that are known to be attained."""
 
     def __init__(self, evaluator: Evaluator, expression: Expression) -> None:
         self.evaluator, self.expression = evaluator, expression
         self.with_gradients = expression.order > 0 or any("jacobian" in name for name in expression.attributes)
-        self.least, self.greatest = np.inf, -np.inf
+        self.minimum, self.maximum = np.inf, -np.inf
         self._holders: dict[int, int] = {}  # of the largest value, 1, and of the smallest, -1: ids of elements
         self.whole = [(patch, rows) for patch in evaluator.patches for rows in self._batches(patch)]
         for patch, rows in self.whole:
             for place in self._places(patch.shape):
                 self._attain(patch, rows, np.tile(place, (len(rows), 1)))
-        if not np.isfinite(self.greatest):
+        if not np.isfinite(self.maximum):
             self._look_closer()
 
     def _look_closer(self) -> None:
@@ -125,16 +125,16 @@ class _Search:
         if not len(finite):
             return
         low, high = (finite[which(values[finite])] for which in (np.argmin, np.argmax))
-        if values[low] < self.least:
-            self.least, self._holders[-1] = float(values[low]), int(patch.element_ids[rows[low]])
-        if values[high] > self.greatest:
-            self.greatest, self._holders[1] = float(values[high]), int(patch.element_ids[rows[high]])
+        if values[low] < self.minimum:
+            self.minimum, self._holders[-1] = float(values[low]), int(patch.element_ids[rows[low]])
+        if values[high] > self.maximum:
+            self.maximum, self._holders[1] = float(values[high]), int(patch.element_ids[rows[high]])
 
     def deciding(self) -> Ints:
         """See `deciding_elements`."""
         found = [np.array([*self._holders.values()], np.int64)]
         for sign in (1, -1) if self.expression.order < 2 else ():
-            rivals = self._rivals(sign, self.greatest if sign > 0 else -self.least)
+            rivals = self._rivals(sign, self.maximum if sign > 0 else -self.minimum)
             ids = np.concatenate([found[0][:0], *(patch.element_ids[rows] for patch, rows, _ in rivals)])
             uppers = np.concatenate([np.empty(0), *(upper for _, _, upper in rivals)])
             # up to one more than are examined closely, whose bound covers the others
@@ -161,7 +161,7 @@ class _Search:
         if self.expression.order > 1:
             return np.inf
         root = self.expression.root if sign > 0 else negative(self.expression.root)
-        attained = self.greatest if sign > 0 else -self.least
+        attained = self.maximum if sign > 0 else -self.minimum
         rivals = self._rivals(sign, attained)
         tops = np.sort(np.concatenate([np.empty(0), *(upper for _, _, upper in rivals)]))[::-1]
         threshold = tops[_MOST] if len(tops) > _MOST else -np.inf
@@ -183,8 +183,8 @@ class _Search:
             cells = cells.halves()
             upper = cells.bounds(root)[1]
             self._attain(cells.patch, cells.rows, uncollapse(cells.patch.shape, (cells.low + cells.high) / 2))
-            best = self.greatest if root is self.expression.root else -self.least
-            goal = max(best, attained) + _TOLERANCE * (self.greatest - self.least)
+            best = self.maximum if root is self.expression.root else -self.minimum
+            goal = max(best, attained) + _TOLERANCE * (self.maximum - self.minimum)
             order = np.argsort(-upper)
             most = max(16, _NUMBERS // (8 * sum(net[0].size for net in cells.nets.values())))
             worth = upper > goal

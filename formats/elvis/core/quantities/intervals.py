@@ -174,12 +174,12 @@ def hyperbolic_cosine(a: Interval) -> Interval:
 
 
 def cosine(a: Interval) -> Interval:
-    """Extremes at whole multiples of pi, ends elsewhere."""
+    """Extrema at whole multiples of pi, ends elsewhere."""
     return _wave(np.cos, a, 0.0, np.pi)
 
 
 def sine(a: Interval) -> Interval:
-    """Extremes a quarter of a turn from whole multiples of pi."""
+    """Extrema a quarter of a turn from whole multiples of pi."""
     return _wave(np.sin, a, np.pi / 2, -np.pi / 2)
 
 

@@ -85,14 +85,14 @@ def _field_facts(dataset: Dataset, name: str, own: ElementResolution, centres: _
         "name": name,
         "elements": len(own),
         "orders": [int(own.orders.min()), int(own.orders.max())],
-        "tail": {"median": _median(own.tail), "greatest": _greatest(own.tail)},
-        "decay": {"median": _median(own.decay), "least": -_greatest(-own.decay)},
+        "tail": {"median": _median(own.tail), "maximum": _greatest(own.tail)},
+        "decay": {"median": _median(own.decay), "minimum": -_greatest(-own.decay)},
         "rates": [_median(own.rates[:, direction]) for direction in range(dataset.mesh.dimension)],
         "removed": {
             "L2": removed,
             "relative": _share(removed, norm),
             "bound": max(-largest.lower, largest.upper) if largest else np.nan,
-            "attained": max(-largest.least, largest.greatest) if largest else np.nan,
+            "attained": max(-largest.minimum, largest.maximum) if largest else np.nan,
         },
         "jump": _greatest(jumps(dataset, name)[1]),
         "error": {"L2": error, "relative": _share(error, norm)},
@@ -148,7 +148,7 @@ def _worst(measures: Mapping[str, ElementResolution], centres: _Centres) -> list
         if element not in found:
             found[element] = {
                 "element": element,
-                "place": centres.places[centres.rows(own.element_ids[row : row + 1])[0]].tolist(),
+                "position": centres.places[centres.rows(own.element_ids[row : row + 1])[0]].tolist(),
                 "field": name,
                 "tail": float(own.tail[row]),
                 "decay": float(own.decay[row]),

@@ -4,7 +4,7 @@ The exact Bernstein net of a determinant (`determinants`) has (3 p)^3 coefficien
 Values at Chebyshev points take O(p^4) operations, one direction after the other.  The determinant has degree 3 p - 1
 in every direction, so that many values give all its Chebyshev coefficients.  On most elements they decay fast:
 
-1. the terms of degree below LOW in every direction become a small Bernstein net, whose extremes bound them;
+1. the terms of degree below LOW in every direction become a small Bernstein net, whose extrema bound them;
 2. |T_k| <= 1, so the other terms add at most the sum of their magnitudes;
 3. rounding is bounded as in `_slack`.
 """
@@ -38,15 +38,15 @@ class Enclosures:
     """Bounds of n determinants on their elements.
 
     lower, upper    (n,)    bounds, rounding included; NaN or infinite where the map isn't finite
-    least, greatest (n,)    minimum and maximum of the computed values at points
+    minimum, maximum (n,)    minimum and maximum of the computed values at points
     reference       (n, 3)  coordinates of the minimum
     error           (n,)    how far computed values may be from the true ones
     """
 
     lower: Floats
     upper: Floats
-    least: Floats
-    greatest: Floats
+    minimum: Floats
+    maximum: Floats
     reference: Floats
     error: Floats
 
@@ -70,8 +70,8 @@ def enclosures(expansion: Expansion, coefficients: Floats) -> Enclosures:
     return Enclosures(
         lower=net.min(axis=1) - slack,
         upper=net.max(axis=1) + slack,
-        least=flat.min(axis=1),
-        greatest=flat.max(axis=1),
+        minimum=flat.min(axis=1),
+        maximum=flat.max(axis=1),
         reference=np.stack([line[rows] for line, rows in zip(points, place[::-1], strict=True)], axis=1),
         error=error,
     )

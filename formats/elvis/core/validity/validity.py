@@ -38,7 +38,7 @@ from elvis.core.validity.squares import descended, lower_bound
 
 #: numbers in the nets built at once, and elements that are examined together
 _NUMBERS, _TOGETHER = 1 << 21, 1 << 13
-#: elements among which the extremes of all are sought, and from which squares are subtracted, at most
+#: elements among which the extrema of all are sought, and from which squares are subtracted, at most
 _RIVALS, _VALLEYS = 1 << 10, 64
 _SHAPES = tuple(Shape)
 #: modes in each direction from which hexahedra are bounded by `enclosures` first, and elements that these take at once
@@ -62,9 +62,9 @@ class Validity:
     status          (n,)    of `ValidityStatus`
     lower, upper    (n,) certified bounds up to rounding; close unless the element is ``POSITIVE`` or the extreme is
                     taken all along a line or a surface; NaN if the map isn't finite
-    least, greatest (n,)    values that are attained
+    minimum, maximum (n,)    values that are attained
     error           (n,)    what rounding may amount to
-    reference       (n, 3)  where ``least`` is attained, in the coordinates xi of the element; zero beyond its dimension
+    reference       (n, 3)  where ``minimum`` is attained, in coordinates xi of the element; zero beyond its dimension
     world           (n, 3)  the same place in the world
     others          how many further elements there are, all positive for certain
     ends            the range of these, None if there are none
@@ -75,8 +75,8 @@ class Validity:
     status: Ints
     lower: Floats
     upper: Floats
-    least: Floats
-    greatest: Floats
+    minimum: Floats
+    maximum: Floats
     error: Floats
     reference: Floats
     world: Floats
@@ -94,9 +94,9 @@ class Validity:
         """Why an element is undecided; None if it isn't."""
         if self.status[row] != ValidityStatus.UNDECIDED:
             return None
-        if not np.isfinite(self.least[row]):
+        if not np.isfinite(self.minimum[row]):
             return "its map is not finite"
-        if self.least[row] <= 2 * self.error[row]:
+        if self.minimum[row] <= 2 * self.error[row]:
             return "its Jacobian is zero within rounding"
         return "the search for its minimum Jacobian ended before a bound was found"
 
@@ -109,7 +109,7 @@ class Validity:
     def failing_rows(self) -> Ints:
         """(k,) rows of the elements that aren't positive for certain: proved ones first, by value."""
         rows = np.flatnonzero(self.status != ValidityStatus.POSITIVE)
-        return rows[np.lexsort((self.element_ids[rows], self.least[rows], self.status[rows]))]
+        return rows[np.lexsort((self.element_ids[rows], self.minimum[rows], self.status[rows]))]
 
 
 def validity(dataset: Dataset, blocks: Sequence[GeometryBlock] | None = None) -> Validity:
@@ -181,12 +181,12 @@ def shared_validity(dataset: Dataset, ranks: Ranks) -> Validity | None:
 
 def validity_facts(found: Validity) -> dict[str, Any]:
     """Results of `validity` as plain data that JSON can hold: counts, the range, and details of elements in doubt."""
-    names = ("lower", "upper", "least", "greatest", "error")
+    names = ("lower", "upper", "minimum", "maximum", "error")
     listed = [
         {
             "element": int(found.element_ids[row]),
             "shape": found.shapes[row].label.lower(),
-            "verdict": ValidityStatus(found.status[row]).name.lower().replace("_", " "),
+            "status": ValidityStatus(found.status[row]).name.lower().replace("_", " "),
             "reason": found.reason(row),
             **{name: float(getattr(found, name)[row]) for name in names},
             "reference": found.reference[row, : found.shapes[row].dimension].tolist(),
@@ -251,7 +251,7 @@ def _exact_facts(block: GeometryBlock, space: int) -> _Facts:
     finite = np.isfinite(found.net).all(axis=0) & np.isfinite(found.error)
     facts = _first_facts(block, found, finite)
 
-    # halve what the coefficients leave in doubt; once the sign is proved to be bad, find the extremes
+    # halve what the coefficients leave in doubt; once the sign is proved to be bad, find the extrema
     doubtful = np.flatnonzero(finite & ~(facts.lower > found.error))
     if len(doubtful):
         nets = box_nets(found.space, found.net[:, doubtful].T)
@@ -263,7 +263,7 @@ def _exact_facts(block: GeometryBlock, space: int) -> _Facts:
 
 
 def _first_facts(block: GeometryBlock, found: Polynomials, finite: Bools) -> _Facts:
-    """Facts from coefficients: their extremes bound the determinant, and some are its values at the vertices."""
+    """Facts from coefficients: their extrema bound the determinant, and some are its values at the vertices."""
     shape, net = found.space.shape, np.where(finite, found.net, np.nan)
     at_vertices = net[np.argmax(bernstein_values(found.space, shape.vertices), axis=1)]
     reference = np.zeros((len(block), 3))
@@ -273,8 +273,8 @@ def _first_facts(block: GeometryBlock, found: Polynomials, finite: Bools) -> _Fa
         shapes=np.full(len(block), _SHAPES.index(shape), np.int8),
         lower=net.min(axis=0),
         upper=net.max(axis=0),
-        least=at_vertices.min(axis=0),
-        greatest=at_vertices.max(axis=0),
+        minimum=at_vertices.min(axis=0),
+        maximum=at_vertices.max(axis=0),
         error=found.error,
         reference=reference,
         world=np.zeros((len(block), 3)),
@@ -294,8 +294,8 @@ class _Facts:
     shapes: NDArray[np.int8]
     lower: Floats
     upper: Floats
-    least: Floats
-    greatest: Floats
+    minimum: Floats
+    maximum: Floats
     error: Floats
     reference: Floats
     world: Floats
@@ -339,20 +339,20 @@ class _Facts:
     def status(self) -> Ints:
         """(n,) of `ValidityStatus`; undecided are also those with maps that aren't finite."""
         status = np.where(self.lower > self.error, ValidityStatus.POSITIVE, ValidityStatus.UNDECIDED)
-        status[self.least < -self.error] = ValidityStatus.NOT_POSITIVE
+        status[self.minimum < -self.error] = ValidityStatus.NOT_POSITIVE
         return status
 
     def decide(self, rows: Ints, nets: Floats) -> None:
-        """Halve elements with box nets until their sign is certain; where it is bad, until the extremes are close."""
+        """Halve elements with box nets until their sign is certain; where it is bad, until the extrema are close."""
         error, shape = self.error[rows], _SHAPES[self.shapes[rows[0]]]
         below = least(nets, error, goal=2 * error)
-        self.lower[rows], self.least[rows] = below.lower, below.value
+        self.lower[rows], self.minimum[rows] = below.lower, below.value
         self.reference[rows, : shape.dimension] = uncollapse(shape, below.place)
         self.is_open[rows] = (below.lower <= error) & (below.value >= -error) & (below.value - below.lower > 4 * error)
         bad = np.flatnonzero(~(below.lower > error))
         if len(bad):
             above = least(-nets[bad], error[bad])
-            self.upper[rows[bad]], self.greatest[rows[bad]] = -above.lower, -above.value
+            self.upper[rows[bad]], self.maximum[rows[bad]] = -above.lower, -above.value
 
     def valleys(self) -> Ints:
         """(k,) rows of the elements from which squares are subtracted: the first ones whose sign is open."""
@@ -366,15 +366,15 @@ class _Facts:
 
         ends  range of further elements
         """
-        lower, value = (self.lower, self.least) if sign > 0 else (-self.upper, -self.greatest)
-        further = np.inf if ends is None else ends.least if sign > 0 else -ends.greatest
+        lower, value = (self.lower, self.minimum) if sign > 0 else (-self.upper, -self.maximum)
+        further = np.inf if ends is None else ends.minimum if sign > 0 else -ends.maximum
         known = float(np.fmin.reduce(value, initial=further))
         goal = known - TOLERANCE * abs(known)
         rows = np.flatnonzero(lower < goal)
         return rows[np.lexsort((self.element_ids[rows], lower[rows]))][:_RIVALS], goal
 
     def look_closer(self, blocks: Sequence[GeometryBlock], space: int, ends: Range | None = None) -> None:
-        """Refine few elements: subtract squares if the sign is open, bisect elements that may hold the extremes.
+        """Refine few elements: subtract squares if the sign is open, bisect elements that may hold the extrema.
 
         blocks  the maps of at least these
         ends    of further elements
@@ -386,7 +386,7 @@ class _Facts:
                 found = least(sign * nets, error, np.full(len(rows), goal))
                 if sign < 0:
                     self.upper[rows] = np.minimum(self.upper[rows], -found.lower)
-                    self.greatest[rows] = np.maximum(self.greatest[rows], -found.value)
+                    self.maximum[rows] = np.maximum(self.maximum[rows], -found.value)
                     continue
                 self.lower[rows] = np.maximum(self.lower[rows], found.lower)
                 self._attain(rows, block, found.value, found.place)
@@ -415,15 +415,15 @@ class _Facts:
         place = collapse(shape, self.reference[row : row + 1, : shape.dimension])[0]
         known = descended(net, np.clip((1 + place) / 2, 0.0, 1.0))
         self._attain(np.array([row]), block, np.array([known.value]), 2 * known.place[None] - 1)
-        value = self.least[row]
+        value = self.minimum[row]
         goal = min(2 * error, value - max(error, TOLERANCE * abs(value)))
         self.lower[row] = max(self.lower[row], lower_bound(net, goal))
 
     def _attain(self, rows: Ints, block: GeometryBlock, value: Floats, place: Floats) -> None:
         """Update the minima with values (k,) at places (k, d) in eta."""
-        better = np.flatnonzero(value < self.least[rows])
+        better = np.flatnonzero(value < self.minimum[rows])
         own, xi = rows[better], uncollapse(block.expansion.shape, place[better])
-        self.least[own] = value[better]
+        self.minimum[own] = value[better]
         self.reference[own, : xi.shape[1]] = xi
         self.world[own] = evaluate_at(block.expansion, block.coefficients, better, xi)
 
@@ -441,8 +441,8 @@ class _Facts:
             status=self.status,
             lower=size(self.lower),
             upper=size(self.upper),
-            least=size(self.least),
-            greatest=size(self.greatest),
+            minimum=size(self.minimum),
+            maximum=size(self.maximum),
             error=size(self.error),
             reference=self.reference,
             world=self.world,
@@ -462,10 +462,10 @@ def _length(squares: Floats) -> Floats:
 
 def _range_of(found: Validity | _Facts, chosen: Bools | slice = np.s_[:]) -> Range | None:
     """The range of elements, or of the chosen ones; None if no map is finite."""
-    if not np.isfinite(found.least[chosen]).any():
+    if not np.isfinite(found.minimum[chosen]).any():
         return None
-    lower, least_value = (float(np.nanmin(values[chosen])) for values in (found.lower, found.least))
-    upper, greatest = (float(np.nanmax(values[chosen])) for values in (found.upper, found.greatest))
+    lower, least_value = (float(np.nanmin(values[chosen])) for values in (found.lower, found.minimum))
+    upper, greatest = (float(np.nanmax(values[chosen])) for values in (found.upper, found.maximum))
     return Range(lower, upper, least_value, greatest)
 
 
@@ -474,6 +474,6 @@ def _widest(*ranges: Range | None) -> Range | None:
     known = [each for each in ranges if each is not None]
     if not known:
         return None
-    lower, least_value = (min(getattr(each, name) for each in known) for name in ("lower", "least"))
-    upper, greatest = (max(getattr(each, name) for each in known) for name in ("upper", "greatest"))
+    lower, least_value = (min(getattr(each, name) for each in known) for name in ("lower", "minimum"))
+    upper, greatest = (max(getattr(each, name) for each in known) for name in ("upper", "maximum"))
     return Range(lower, upper, least_value, greatest)

@@ -23,7 +23,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.terminal import track
 from elvis.plugins.series.between import combined, is_one_mesh
-from elvis.plugins.series.extremes import Extremes, FitError
+from elvis.plugins.series.extrema import Extrema, FitError
 from elvis.plugins.series.lattices import Fit, Lattice, Table, product_space
 from elvis.plugins.series.series import Series
 
@@ -37,7 +37,7 @@ _GAUSS = (0.5 - 0.75**0.5 / 3, 0.5 + 0.75**0.5 / 3)
 
 @dataclass(frozen=True, eq=False)
 class Average:
-    """The means of all fields under their names, covariances ``u_v`` and extremes ``u_min`` after these.
+    """The means of all fields under their names, covariances ``u_v`` and extrema ``u_min`` after these.
 
     left_out  fields that not all steps have alike
     errors    between these and their fits, as a part of the largest value, by name: an estimate and a bound
@@ -53,12 +53,12 @@ def average(
     over: str = "steps",
     with_covariances: bool = False,
     order: int | None = None,
-    with_extremes: bool = False,
+    with_extrema: bool = False,
 ) -> Average:
     """The mean of a series over all steps that can be read (see OVER), each of which is read once.
 
     order  maximum degree of covariances, whose errors are measured; None for the degree that contains them exactly
-    with_extremes  whether to compute minimum and maximum over the steps, with their times (see `extremes`)
+    with_extrema  whether to compute minimum and maximum over the steps, with their times (see `extrema`)
 
     Raises ElvisError if the mesh changes between steps, or if no basis contains requested covariances.
     """
@@ -68,8 +68,8 @@ def average(
     for is_finite_wanted in (True, False):
         times: list[float] = []
         sums: _Sums | None = None
-        extremes: list[Extremes] = []
-        for weight, state in _states(series, over, times, extremes if with_extremes else None, is_finite_wanted):
+        extrema: list[Extrema] = []
+        for weight, state in _states(series, over, times, extrema if with_extrema else None, is_finite_wanted):
             if sums is None:
                 sums = _Sums.of(state, with_covariances, order)
             sums.add(state, weight)
@@ -80,7 +80,7 @@ def average(
     if not mean.solution:
         raise ElvisError(f"expected a field that is alike at all steps, found {', '.join(sums.left_out) or 'none'}")
     fields, errors = sums.covariances()
-    for own in extremes:
+    for own in extrema:
         more, left = own.fields()
         fields, errors = (*fields, *more), {**errors, **left}
     taken = [field.name for field in fields if field.name in mean]
@@ -95,12 +95,12 @@ def average(
 
 
 def _states(
-    series: Series, over: str, times: list[float], extremes: list[Extremes] | None, is_finite_wanted: bool
+    series: Series, over: str, times: list[float], extrema: list[Extrema] | None, is_finite_wanted: bool
 ) -> Iterator[tuple[float, Dataset]]:
     """Weights and datasets of the weighted mean.
 
     times     receives the times of the steps that could be read
-    extremes  receives the extremes of the steps; None if they aren't wanted
+    extrema  receives the extrema of the steps; None if they aren't wanted
     is_finite_wanted  whether steps with values that are not finite are skipped; there may be none then
     """
     first: Dataset | None = None
@@ -113,9 +113,9 @@ def _states(
         if not is_one_mesh(first, step):
             raise ElvisError(f"expected one mesh at all steps, found another at time {time:.10g}: no mean can be made")
         times.append(time)
-        if extremes is not None:
-            extremes[:] = extremes or [Extremes(first)]
-            extremes[0].add(step, time)
+        if extrema is not None:
+            extrema[:] = extrema or [Extrema(first)]
+            extrema[0].add(step, time)
         if over == "steps":
             yield 1.0, step
         elif before is not None:

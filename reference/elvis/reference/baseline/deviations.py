@@ -35,7 +35,7 @@ class Spread:
 
     mean: float
     most: float
-    greatest: float
+    maximum: float
 
     @staticmethod
     def of(distances: Floats) -> Spread:
@@ -64,7 +64,7 @@ class Deviation:
     @property
     def hausdorff(self) -> float:
         """The largest distance, both ways where both are known."""
-        return self.away.greatest if self.back is None else max(self.away.greatest, self.back.greatest)
+        return self.away.maximum if self.back is None else max(self.away.maximum, self.back.maximum)
 
 
 def why_not() -> str:

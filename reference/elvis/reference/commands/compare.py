@@ -82,7 +82,7 @@ def _formats(context: click.Context, parameter: click.Parameter, value: str | No
     callback=_bytes,
     help="Memory limit of a linear mesh, such as 4G.  [default: half of the free memory]",
 )
-@click.option("--judge", type=click.IntRange(0, 4096), default=300, show_default=True, metavar="PIXELS",
+@click.option("--validate", type=click.IntRange(0, 4096), default=300, show_default=True, metavar="PIXELS",
               help="Longest side of the picture that the reference checks; 0 for no check.")  # fmt: skip
 @click.option("--meshes", metavar="FORMATS", callback=_formats, help="Keep the meshes in the report: ply, glb, vtu.")
 @click.option("--require", type=click.Choice(["pixel-exact"]), help="Fail if a tolerance is exceeded.")
@@ -125,7 +125,7 @@ def compare(
         raise ElvisError(f"{failed[0] if len(tasks) > 1 else found[0].failure}{others}")
     if not as_json:
         for task, one in zip(tasks, found, strict=True):
-            say(f"{task.name}: {one.numbers['verdict']}" if len(tasks) > 1 else one.numbers["verdict"])
+            say(f"{task.name}: {one.numbers['conclusion']}" if len(tasks) > 1 else one.numbers["conclusion"])
 
 
 @dataclass(frozen=True)
@@ -228,7 +228,7 @@ def _of_scene(data: tuple[Path, ...], options: dict[str, Any], output: Path | No
     from elvis.scene.errors import SceneError
     from elvis.scene.files import scene_text
 
-    own = ("refinements", "memory_limit", "judge", "meshes", "no_cache")
+    own = ("refinements", "memory_limit", "validate", "meshes", "no_cache")
     levels, limit, validation_size, meshes, no_cache = (options.pop(name) for name in own)
     scene = composed(data, options, (), unused=("outputs", "stats"))
     if not scene.data:
@@ -238,7 +238,7 @@ def _of_scene(data: tuple[Path, ...], options: dict[str, Any], output: Path | No
     if output is not None:
         scene_text(scene, output / "scene.toml")
     if scene.range == "series":
-        raise SceneError("range: series is for films: expected seen, all or two values")
+        raise SceneError("range: series is for animations: expected visible, all or two values")
     reading = Reading(None, pairs(scene.reader), not no_cache, scene.moment, scene.others)
     deformation = None if scene.deform is None else scene.deform.deformation
     reference, complexes = scene.reference.values, scene.complexes
@@ -254,6 +254,8 @@ def _failure(require: str | None, study: Study) -> str:
     if require is None:
         return ""
     if study.validation is None:
-        return "--require pixel-exact: nothing was validated: draw on a device other than the reference, with --judge"
+        return (
+            "--require pixel-exact: nothing was validated: draw on a device other than the reference, with --validate"
+        )
     failed = (check for check in study.validation.checks if not check.passed)
     return next((f"--require pixel-exact: {failure(check)}" for check in failed), "")

@@ -42,11 +42,11 @@ def conclusion(study: Study) -> str:
 
 def _lines(own: LineStudy) -> str:
     """Errors of the ends of streamlines, ours and the finest of VTK's."""
-    if own.ours.greatest is None:
+    if own.ours.maximum is None:
         return f"No streamline of {own.name} was compared: {own.ours.skipped}."
-    said = f"Streamlines of {own.name} end within {own.ours.greatest:.0e} of the box from their true ends"
-    known = [other for other in own.others if other.level is not None and other.greatest is not None]
-    return f"{said}; {known[-1].name}: {known[-1].greatest:.0e}." if known else f"{said}."
+    said = f"Streamlines of {own.name} end within {own.ours.maximum:.0e} of the box from their true ends"
+    known = [other for other in own.others if other.level is not None and other.maximum is not None]
+    return f"{said}; {known[-1].name}: {known[-1].maximum:.0e}." if known else f"{said}."
 
 
 def _exactness(study: Study) -> str:

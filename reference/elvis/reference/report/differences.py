@@ -83,7 +83,7 @@ def _told(found: Family, reference: str, files: list[str]) -> dict[str, Any]:
     remarks = [f"{name}: {remark}" if several else remark for name, remark in told]
     return {
         "title": f"Difference of {', '.join(found.names)} and {reference}",
-        "numbers": {"verdict": _verdict(found), "remarks": remarks},
+        "numbers": {"conclusion": _verdict(found), "remarks": remarks},
         "mood": "",
         "facts": [],
         "width": 640,

@@ -199,7 +199,7 @@ def _plots(study: Study, files: Files) -> list[dict[str, str]]:
     """Errors against refinement and memory, where there are several refinements; where streamlines end."""
     lines = []
     for number, own in enumerate(study.lines):
-        if any(other.greatest for other in own.others):
+        if any(other.maximum for other in own.others):
             name = f"plots/lines-{number}.svg"
             files[name] = plots.of_lines(own)
             lines.append({"file": name, "name": f"where streamlines end: {own.name}"})

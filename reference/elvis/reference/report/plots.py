@@ -65,7 +65,7 @@ def of_distances(study: Study) -> str:
     def draw(axes: Any) -> None:
         for rival in study.rivals:
             for name, own in rival.deviations.items():
-                if own is not None and own.away.greatest > 0:
+                if own is not None and own.away.maximum > 0:
                     axes.stairs(own.shares, own.edges, label=f"{name}, {rival.name}")
         axes.set_xscale("log")
         axes.set_yscale("log")
@@ -78,18 +78,18 @@ def of_distances(study: Study) -> str:
 
 def of_lines(study: LineStudy) -> str:
     """Distances of VTK's ends of lines by refinement; levels where ours are and where those in its own cells are."""
-    refined = [own for own in study.others if own.level is not None and own.greatest]
+    refined = [own for own in study.others if own.level is not None and own.maximum]
 
     def draw(axes: Any) -> None:
         places = [own.level for own in refined]
-        for word, color, marker in (("greatest", "#bd0026", "o"), ("median", "#fd8d3c", "s")):
+        for word, color, marker in (("maximum", "#bd0026", "o"), ("median", "#fd8d3c", "s")):
             label = f"VTK in linear elements, {word}"
             axes.plot(places, [getattr(own, word) for own in refined], marker=marker, color=color, label=label)
         for own in (study.ours, *(other for other in study.others if other.level is None)):
-            if own.greatest:
+            if own.maximum:
                 is_ours = own is study.ours
                 look = {"color": "black" if is_ours else "#253494", "linestyle": "--" if is_ours else ":"}
-                axes.axhline(own.greatest, label=f"{'ours' if is_ours else own.name}, greatest", **look)
+                axes.axhline(own.maximum, label=f"{'ours' if is_ours else own.name}, greatest", **look)
         axes.set_yscale("log")
         axes.set_xticks(places)
         axes.set_xlabel("refinements of every element")

@@ -18,24 +18,24 @@ def summary(study: Study) -> dict[str, Any]:
     """All numbers but times: the same for the same input."""
     validation = study.validation
     return {
-        "verdict": conclusion(study),
+        "conclusion": conclusion(study),
         "pixel_exact": validation.passed if validation else None,
         "scene": table_of(study.scene) if study.scene else None,
         "data": _data(study),
         "picture": {
             "size": [study.exact.shape[1], study.exact.shape[0]],
-            "pixels_seen": int(study.exact.seen.sum()),
+            "pixels_visible": int(study.exact.seen.sum()),
             "range": list(study.ends),
             "contours": list(study.contours),
         },
-        "judgement": validation
+        "validation": validation
         and {
             "size": list(validation.size),
             "passed": validation.passed,
             "ambiguous": validation.ambiguous,
-            "bars": [check_facts(check) for check in validation.checks],
+            "tolerances": [check_facts(check) for check in validation.checks],
         },
-        "rivals": [rival_facts(rival) for rival in study.rivals],
+        "baselines": [rival_facts(rival) for rival in study.rivals],
         "lines": [line_facts(own) for own in study.lines],
         "next": study.next and {"level": study.next[0], "bytes": study.next[1]},
         "remarks": list(study.remarks),

@@ -134,7 +134,7 @@ def _visible(number: float) -> float:
 def _lines(study: LineStudy) -> Table:
     rows = []
     for own in (study.ours, *study.others):
-        rows.append([own.name, own.skipped or some(own.greatest), some(own.median)])
+        rows.append([own.name, own.skipped or some(own.maximum), some(own.median)])
     words = (
         f"{count_of(study.lines, 'line')}, the longest of length {study.length:.4g}: distances of their ends from those"
         " of lines that are followed with a tenth of the tolerance, relative to the diagonal of the box. VTK's lines "
@@ -143,7 +143,7 @@ def _lines(study: LineStudy) -> Table:
         "from the mesh; in VTK's own cells, from the search for positions. VTK stores positions in single precision, "
         "about 1e-7."
     )
-    return _table(f"Where streamlines end: {study.name}", ["elements", "greatest", "median"], rows, words)
+    return _table(f"Where streamlines end: {study.name}", ["elements", "maximum", "median"], rows, words)
 
 
 def _costs(study: Study) -> Table:
@@ -171,7 +171,7 @@ def _contours(study: Study) -> Table:
     for number, value in enumerate(study.contours if drawn else ()):
         found = [rival.errors.contours[number] for rival in drawn if rival.errors]
         cells = [
-            "lost or invented" if own.greatest is None else f"{some(own.greatest)} ({some(own.mean)})" for own in found
+            "lost or invented" if own.maximum is None else f"{some(own.maximum)} ({some(own.mean)})" for own in found
         ]
         rows.append([f"{value:.4g}", *cells])
     words = "Greatest displacement, and the mean in brackets."

@@ -32,13 +32,13 @@ def core_options(function: F) -> F:
             help="With --cores: vector parallel to the velocity, (grad v) v or curl v.  [default: acceleration]",
         ),
         click.option(
-            "--least-swirl",
+            "--min-swirl",
             type=float,
             metavar="RATE",
             help="With --cores: minimum imaginary part of the eigenvalues of grad v, in radians per unit of time.  "
             "[default: 0]",
         ),
-        click.option("--least-length", type=float, help="With --cores: minimum length of lines.  [default: 0]"),
+        click.option("--min-length", type=float, help="With --cores: minimum length of lines.  [default: 0]"),
         click.option("--only-q", is_flag=True, help="With --cores: only where Q = -tr((grad v)^2)/2 is also positive."),
     ]
     for option in reversed(options):

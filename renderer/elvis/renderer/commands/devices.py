@@ -44,7 +44,7 @@ def devices(as_json: bool, is_of_caches: bool) -> None:
         if name != "auto"
     ]
     if as_json:
-        keys = ("name", "kind", "label", "auto", "unfit")
+        keys = ("name", "kind", "label", "auto", "problem")
         print_json([dict(zip(keys, row, strict=True)) for row in rows])
         return
     said = [(*row[:3], "auto" if row[3] else row[4] and f"skipped: it {row[4]}") for row in rows]

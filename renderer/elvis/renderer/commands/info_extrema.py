@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 from elvis.renderer.commands.sources import NativeSource, tell_conversion
 
 if TYPE_CHECKING:
-    from elvis.core.extrema import Extreme
+    from elvis.core.extrema import Extremum
     from elvis.core.quantities import Expression
 
 Facts = dict[str, Any]
 #: the two ends of a quantity's values
-_ENDS = ("least", "greatest")
+_ENDS = ("minimum", "maximum")
 
 
 def print_extrema(names: Sequence[str], as_json: bool, without_top_modes: bool, source: NativeSource) -> None:
@@ -54,8 +54,8 @@ def print_extrema(names: Sequence[str], as_json: bool, without_top_modes: bool, 
 
 def _facts(
     known: Sequence[Expression],
-    pairs: Sequence[tuple[Extreme, Extreme]],
-    less: Sequence[tuple[Extreme, Extreme]] | None,
+    pairs: Sequence[tuple[Extremum, Extremum]],
+    less: Sequence[tuple[Extremum, Extremum]] | None,
 ) -> Facts:
     """Plain data of each quantity; with ``less`` also of its values without the highest modes."""
     found: Facts = {}
@@ -69,13 +69,13 @@ def _facts(
 
 
 def _table(
-    known: Sequence[Expression], pairs: Sequence[tuple[Extreme, Extreme]]
+    known: Sequence[Expression], pairs: Sequence[tuple[Extremum, Extremum]]
 ) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Headers and rows: quantity, end, value, certainty, place and element."""
     rows: list[tuple[str, ...]] = []
     for each, ends in zip(known, pairs, strict=True):
         for end, own in zip(_ENDS, ends, strict=True):
-            place = ", ".join(f"{x:.10g}" for x in own.place)
+            place = ", ".join(f"{x:.10g}" for x in own.position)
             certainty = f"{abs(own.bound - own.value):.2g}"
             rows.append((each.text, end, f"{own.value:.15g}", certainty, place, str(own.element)))
-    return ("quantity", "", "value", "certain to", "place", "element"), rows
+    return ("quantity", "", "value", "bound", "position", "element"), rows

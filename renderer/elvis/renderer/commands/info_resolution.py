@@ -96,7 +96,7 @@ def _print_tables(facts: Facts) -> None:
         if field["not_finite"]:
             warn(f"{field['name']}: coefficients are not finite in {_first(field['not_finite'])}, which do not count")
     click.echo()
-    columns = ("worst element", "place", "field", "tail", "decay", "one order less", "error", "of the norm")
+    columns = ("worst element", "position", "field", "tail", "decay", "one order less", "error", "of the norm")
     print_table(columns, [_worst_row(row) for row in facts["worst"]])
     say(_LEGEND)
 
@@ -108,7 +108,7 @@ def _field_row(field: Facts) -> tuple[object, ...]:
     return (
         field["name"],
         f"{least}" if least == most else f"{least} to {most}",
-        _text(field["tail"]["greatest"]),
+        _text(field["tail"]["maximum"]),
         _text(field["decay"]["median"]),
         ", ".join(map(_text, field["rates"])),
         _text(removed["L2"]),
@@ -121,7 +121,7 @@ def _field_row(field: Facts) -> tuple[object, ...]:
 
 def _worst_row(row: Facts) -> tuple[object, ...]:
     """A row of the table of elements."""
-    place = ", ".join(f"{x:.6g}" for x in row["place"])
+    place = ", ".join(f"{x:.6g}" for x in row["position"])
     numbers = (_text(row[name]) for name in ("tail", "decay", "removed", "error", "relative"))
     return row["element"], place, row["field"], *numbers
 

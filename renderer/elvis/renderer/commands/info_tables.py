@@ -21,7 +21,7 @@ def print_opened(facts: Facts) -> None:
     rows += [("elements", f"{count} {kind}") for kind, count in facts["elements"].items()]
     for axis, lower, upper in zip("xyz", facts["box"]["lower"], facts["box"]["upper"], strict=True):
         rows.append((axis, f"within {lower:.10g} and {upper:.10g}"))
-    rows.append(("jacobian", f"{facts['jacobian']['least']:.4g} to {facts['jacobian']['greatest']:.4g}, sampled"))
+    rows.append(("jacobian", f"{facts['jacobian']['minimum']:.4g} to {facts['jacobian']['maximum']:.4g}, sampled"))
     rows.append(("time", f"{facts['time']:.10g}"))
     print_table(("", ""), rows)
     fields = [_range_row(*item) for item in {**facts["fields"], **facts["quantities"]}.items()]
@@ -130,11 +130,11 @@ def _overview(facts: Facts) -> Iterator[tuple[str, str]]:
 
 
 def _jacobian(facts: Facts) -> str:
-    if facts["least"] is None:
+    if facts["minimum"] is None:
         return "no elements"
     wrong = facts["elements_not_positive"]
     where = "positive at all quadrature points" if not wrong else f"NOT POSITIVE in {_ids(wrong)}"
-    return f"{where} ({facts['least']:.4g} to {facts['greatest']:.4g}, sampled)"
+    return f"{where} ({facts['minimum']:.4g} to {facts['maximum']:.4g}, sampled)"
 
 
 def _ids(ids: Sequence[int]) -> str:
@@ -148,7 +148,7 @@ def _field_row(field: Facts) -> tuple[object, ...]:
 
 
 def _range_row(text: str, found: Facts | None) -> tuple[object, ...]:
-    return (text, *(_number(found, key) for key in ("lower", "upper", "least", "greatest")))
+    return (text, *(_number(found, key) for key in ("lower", "upper", "minimum", "maximum")))
 
 
 def _number(found: Facts | None, key: str) -> str:

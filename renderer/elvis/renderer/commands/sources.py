@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from elvis.core.critical_points import CriticalPoints
     from elvis.core.dataset import Dataset
     from elvis.core.deformation import Deformation
-    from elvis.core.extrema import Extreme
+    from elvis.core.extrema import Extremum
     from elvis.core.files.columns import Columns
     from elvis.core.integrals import Integrals
     from elvis.core.norms import Norm
@@ -443,7 +443,7 @@ class NativeSource:
             return shared_wall_points(part, wall, components, self.ranks)
         return shared_critical_points(part, components, self.ranks)
 
-    def extrema(self, quantities: Sequence[Expression]) -> list[tuple[Extreme, Extreme]]:
+    def extrema(self, quantities: Sequence[Expression]) -> list[tuple[Extremum, Extremum]]:
         """The least and the greatest value of each quantity; of parts none but at the first rank."""
         from elvis.core.portions.borrowing import borrowing
         from elvis.core.quantity_extrema import quantity_extrema, shared_extrema

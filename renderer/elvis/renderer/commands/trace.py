@@ -31,7 +31,7 @@ Examples:
   elvis trace jet.xml jet.fld --seeds seeds.csv --velocity rhou/rho,rhov/rho --duration 5
   elvis trace wave.xml wave_*.chk --kind pathlines --velocity "d(u,y),-d(u,x)" --seeds random:20 -o paths.vtp
   elvis trace wave.xml wave_*.chk --kind streaklines --velocity "d(u,y),-d(u,x)" --seeds point:0.4,0.4 -o dye.vtp
-  elvis trace wing.xml wing.fld --cores --least-length 0.1 -o cores.vtp
+  elvis trace wing.xml wing.fld --cores --min-length 0.1 -o cores.vtp
 """
 
 #: what a line may be
@@ -82,8 +82,8 @@ def trace(
     overwrite: bool,
     cores: bool,
     criterion: str | None,
-    least_swirl: float | None,
-    least_length: float | None,
+    min_swirl: float | None,
+    min_length: float | None,
     only_q: bool,
     **course: Any,
 ) -> None:
@@ -106,7 +106,7 @@ def trace(
     from elvis.renderer.passes.streams.following import following
     from elvis.scene import Streamlines
 
-    limits = {"criterion": criterion, "least_swirl": least_swirl, "least_length": least_length, "only_q": only_q}
+    limits = {"criterion": criterion, "min_swirl": min_swirl, "min_length": min_length, "only_q": only_q}
     if without_top_modes and (cores or kind != KINDS[0]):
         raise ElvisError(f"--without-top-modes: expected streamlines, found {'--cores' if cores else kind}")
     if cores:

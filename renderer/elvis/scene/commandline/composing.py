@@ -89,7 +89,7 @@ def panels(scene: Scene) -> tuple[Scene, ...]:
 def in_one_range(frames: Sequence[Frame]) -> tuple[float, float] | None:
     """The range of all that several pictures show, where they show the same field in the same automatic colours."""
     maps = [[legend for legend in frame.legends if legend.palette] for frame in frames]
-    free = all(frame.scene.range in (None, "seen") for frame in frames)
+    free = all(frame.scene.range in (None, "visible") for frame in frames)
     alike = {(frame.scene.field, frame.scene.palette) for frame in frames}
     if not free or len(alike) != 1 or any(len(own) != 1 or own[0].title != frames[0].scene.field for own in maps):
         return None

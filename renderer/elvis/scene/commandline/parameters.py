@@ -199,8 +199,8 @@ def memory(text: str) -> float:
 
 
 def color_range(text: str) -> tuple[float, float] | str:
-    """``LOW:HIGH``, ascending; or ``seen``, ``all`` or ``series``."""
-    if text in ("seen", "all", "series"):
+    """``LOW:HIGH``, ascending; or ``visible``, ``all`` or ``series``."""
+    if text in ("visible", "all", "series"):
         return text
     low, high = numbers(text.replace(":", ",", 1), 2)
     check_range((low, high))

@@ -1094,7 +1094,7 @@ class TimeBar {
   }
 
   async fix() {
-    if (this.fixed.ariaPressed === "true") return this.viewer.change({ range: "seen" });
+    if (this.fixed.ariaPressed === "true") return this.viewer.change({ range: "visible" });
     try {
       this.viewer.change({ range: await this.viewer.ask("series range", this.viewer.picture.field) });
     } catch (error) {
@@ -1739,7 +1739,7 @@ class Viewer {
 
   async findPeak(number) {
     try {
-      this.peak = (await this.ask("extremes", this.table.field || this.picture?.field))[number];
+      this.peak = (await this.ask("extrema", this.table.field || this.picture?.field))[number];
       this.facts.place = this.peak.position;
       this.tell(this.peak);
       this.handles.draw();

@@ -33,7 +33,7 @@ _HALVINGS = 2
 _CHUNK = 1 << 8
 
 
-class Extremes:
+class Extrema:
     """Least and greatest values of all fields so far."""
 
     def __init__(self, state: Dataset) -> None:
@@ -194,7 +194,7 @@ def _ranges(expansion: Expansion, coefficients: Floats) -> tuple[Floats, Floats]
 
 @dataclass(frozen=True)
 class _Part:
-    """The extremes of a block of elements, at the points of a lattice, and enclosed; None along Fourier directions."""
+    """The extrema of a block of elements, at the points of a lattice, and enclosed; None along Fourier directions."""
 
     expansion: Expansion
     element_ids: Ints
