@@ -1,5 +1,6 @@
 """Means along Fourier directions, against integrals over the whole period; planes across them, against values there."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,7 @@ from elvis.core.quantities import Expression
 from elvis.core.testing import approximated, curved, grid, ripple
 from elvis.core.wall_curves import at_walls
 from elvis.plugins.command import elvis
-from elvis.plugins.fourier_planes import fourier_mean
+from elvis.plugins.fourier_planes import fourier_coefficients, fourier_mean
 
 PERIOD = 2.5
 
@@ -106,6 +107,20 @@ def test_other_waves_are_the_same_functions(tmp_path, monkeypatch, basis, number
     # waves have the mean zero
     if basis is not Basis.FOURIER:
         assert not fourier_mean(data, "z").fields[0].blocks[0].coefficients.any()
+
+
+def test_energies_of_waves_add_up_to_the_mean_square(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    data, _ = spanwise(6)
+    write(data, "a.xml")
+    outcome = CliRunner().invoke(elvis, ["info", "a.xml", "a.fld", "--waves", "--json"])
+    assert outcome.exit_code == 0, outcome.output
+    facts = json.loads(outcome.stdout)
+    assert facts["waves"] == [0, 1, 2]
+    assert sum(facts["by_field"]["u"]) == pytest.approx(integrate(data, "average(u^2)", error=1e-9).value, rel=1e-9)
+    # of wave 2, planes 4 and 5
+    alone = [integrate(fourier_coefficients(data, number), "average(u^2)").value for number in (4, 5)]
+    assert facts["by_field"]["u"][2] == pytest.approx(sum(alone) / 2, rel=1e-12)
 
 
 def test_planes_are_coefficients(tmp_path, monkeypatch):

@@ -306,3 +306,9 @@ def test_external_texts_have_a_maximum_length(linear):
         Scene(title="x" * 10_001)
     with pytest.raises(FormatError, match=r"expected a name of at most 1000 characters for a field, found 1001: 'ffff"):
         linear(grid(Shape.QUADRILATERAL, 1), name="f" * 1001)
+
+
+def test_whole_numbers_have_whole_ticks():
+    assert ticks(2, 5, 9, is_whole=True) == [2, 3, 4, 5]
+    assert ticks(0, 900, 5, is_whole=True) == [0, 200, 400, 600, 800]
+    assert ticks(2, 5, 9) == [2, 2.5, 3, 3.5, 4, 4.5, 5]

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from elvis.core.arrays import Floats, frozen_floats
 from elvis.core.dataset import Block, Dataset, Field, Homogeneous
 from elvis.core.errors import ElvisError
+from elvis.core.integrals import integrate
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.expansion import wave_values
 
@@ -48,7 +49,41 @@ def fourier_coefficients(dataset: Dataset, number: int) -> Dataset:
     known = sorted({own for waves in _waves_of(dataset) for own in waves.z_ids})
     if number not in known:
         raise ElvisError(f"--plane {number}: expected one of the planes {', '.join(map(str, known))}")
-    return _combined(dataset, lambda waves: (np.array(waves.z_ids) == number).astype(np.float64))
+    return _plane(dataset, number)
+
+
+@dataclass(frozen=True)
+class WaveEnergies:
+    """The energy of fields by Fourier waves: mean squares, which add up to those of the fields.
+
+    waves      wave numbers k, of functions with the wavelength ``period`` / k
+    period     of the Fourier direction
+    by_field   for each field a mean square for each wave, over the plane and the period
+    """
+
+    waves: tuple[int, ...]
+    period: float
+    by_field: Mapping[str, tuple[float, ...]]
+
+
+def wave_energies(dataset: Dataset) -> WaveEnergies:
+    """The exact mean square of each field in each Fourier wave: of the mean for k = 0, else half of both squares.
+
+    Single and half modes count as wave 1.  Raises ElvisError for data without one Fourier direction.
+    """
+    _check_one(dataset, "--waves")
+    whole = in_full_waves(dataset)
+    period = _waves_of(whole)[0].lengths[0]
+    count = 1 + max(own for waves in _waves_of(whole) for own in waves.z_ids) // 2
+    names = [field.name for field in whole.solution]
+    found = {name: [0.0] * count for name in names}
+    for wave in range(count):
+        for number in (2 * wave, 2 * wave + 1)[: 2 if wave else 1]:
+            plane = _plane(whole, number)
+            for name in names:
+                squared = integrate(plane, f"average(({name})^2)").value
+                found[name][wave] += squared / 2 if wave else squared
+    return WaveEnergies(tuple(range(count)), period, {name: tuple(own) for name, own in found.items()})
 
 
 def without_plane(dataset: Dataset, number: int) -> Dataset:
@@ -137,6 +172,11 @@ def _rewritten(dataset: Dataset, change: Callable[[Homogeneous], tuple[Homogeneo
 
     fields = (replace(own, blocks=tuple(map(block_of, own.blocks))) for own in dataset.fields)
     return replace(dataset, fields=tuple(fields), expansions=())
+
+
+def _plane(dataset: Dataset, number: int) -> Dataset:
+    """The coefficients of one plane."""
+    return _combined(dataset, lambda waves: (np.array(waves.z_ids) == number).astype(np.float64))
 
 
 def _combined(dataset: Dataset, weights: Callable[[Homogeneous], Floats]) -> Dataset:

@@ -51,6 +51,10 @@ class Arrow:
     text: str
 
 
+#: quantities of elements that are whole numbers
+WHOLE_NUMBERS = ("element", "composite", "order", "shape", "jacobian_sign")
+
+
 @dataclass(frozen=True, eq=False)
 class Legend:
     """Meaning of colours, lines or lengths.
@@ -68,6 +72,11 @@ class Legend:
     bar: ColorBar | None = None
     constant: float | None = None
     arrow: Arrow | None = None
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether values are whole numbers."""
+        return self.title in WHOLE_NUMBERS
 
 
 @dataclass(frozen=True, eq=False)

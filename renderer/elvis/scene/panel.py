@@ -266,7 +266,7 @@ class Bar:
             return ends[::every], value_labels(ends)[::every]
         if self.own.scale != "linear":
             return None
-        values = ticks(self.palette.low, self.palette.high, most)
+        values = ticks(self.palette.low, self.palette.high, most, self.legend.is_whole)
         return values, labels(values)
 
     def _title(self, axes: Any, upright: bool) -> None:

@@ -47,10 +47,11 @@ def page(frame: Frame, *, plain: bool = False) -> Page:
     return Page(frame.rgb, (0, 0), (width, height))
 
 
-def ticks(low: float, high: float, most: int) -> list[float]:
+def ticks(low: float, high: float, most: int, is_whole: bool = False) -> list[float]:
     """Round values in [low, high], at most ``most``: steps of 1, 2 or 5 times a power of ten.
 
     The two ends where the range is too narrow for such steps.
+    is_whole  whether values are whole numbers: steps are at least 1
     """
     low = float(low)
     high = float(high)
@@ -61,6 +62,8 @@ def ticks(low: float, high: float, most: int) -> list[float]:
 
     # the shortest step with few enough multiples in the range
     power = 10.0 ** np.floor(np.log10(span / max(most, 1)))
+    if is_whole:
+        power = max(power, 1.0)
     for factor in (1.0, 2.0, 5.0, 10.0, 20.0, 50.0):
         step = power * factor
         first = int(np.ceil(low / step - 1e-9))
@@ -170,7 +173,7 @@ class _Bar:
         self.height = height
         self.font = font
         self.text_color = text_color
-        values = ticks(self.palette.low, self.palette.high, max(3, height // (4 * unit)))
+        values = ticks(self.palette.low, self.palette.high, max(3, height // (4 * unit)), legend.is_whole)
         texts = labels(values)
         self.scale = list(zip(values, texts, strict=True))
 

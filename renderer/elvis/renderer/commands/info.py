@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -17,6 +17,7 @@ from elvis.renderer.commands.info_extrema import print_extrema
 from elvis.renderer.commands.info_quality import print_quality
 from elvis.renderer.commands.info_resolution import print_resolution, print_resolution_over_time
 from elvis.renderer.commands.info_tables import print_facts, print_opened, shortened
+from elvis.renderer.commands.info_waves import print_waves
 from elvis.renderer.commands.sources import Data, NativeSource, Source, data_options, native_source
 
 if TYPE_CHECKING:
@@ -50,6 +51,10 @@ Examples:
 """
 
 
+#: facts for which all elements are taken together
+_OF_THE_WHOLE = ("resolution", "quality", "waves")
+
+
 @click.command("info", epilog=EPILOG, short_help="Describe a dataset: shapes, orders, fields, ranges, validity.")
 @field_option
 @json_option
@@ -66,9 +71,7 @@ Examples:
     is_flag=True,
     help="List the predefined quantities, and what each lacks in these data.",
 )
-@click.option(
-    "--extrema", "extrema", is_flag=True, help="Find certified minima and maxima of quantities, with positions."
-)
+@click.option("--extrema", is_flag=True, help="Find certified minima and maxima of quantities, with positions.")
 @top_modes_option
 @click.option(
     "--critical",
@@ -87,6 +90,7 @@ Examples:
     is_flag=True,
     help="Measure the shapes and sizes of elements, list the worst, and give the time step of CFL number 1.",
 )
+@click.option("--waves", is_flag=True, help="Energy of each field in each wave of a Fourier direction, exact.")
 @click.option(
     "--largest-scale", is_flag=True, help="With --deform: find the smallest scale at which an element folds, certified."
 )
@@ -99,16 +103,9 @@ def info(
     quantities: tuple[str, ...],
     as_json: bool,
     everything: bool,
-    strict: bool,
-    jacobian: bool,
-    predefined: bool,
-    extrema: bool,
     without_top_modes: bool,
-    critical: bool,
-    resolution: bool,
-    quality: bool,
-    largest_scale: bool,
     wall: str | None,
+    **asked: bool,
 ) -> None:
     """Describe a dataset: shapes, orders, fields with their ranges, bounding box, and validity.
 
@@ -122,41 +119,38 @@ def info(
     --time.
     """
     many = None if everything else _MANY
-    _check_options(
-        strict + jacobian + predefined + extrema + critical + resolution + quality + largest_scale,
-        wall is None or critical,
-        extrema or not without_top_modes,
-    )
-    if largest_scale:
+    _check_options(sum(asked.values()), wall is None or asked["critical"], asked["extrema"] or not without_top_modes)
+    if asked["largest_scale"]:
         from elvis.renderer.commands.info_scale import print_largest_scale
 
         print_largest_scale(data, ranks, as_json)
         return
-    if strict:
+    if asked["strict"]:
         _check(data.paths, ranks, as_json)
         return
-    data = replace(data, is_of_map=jacobian)
+    data = replace(data, is_of_map=asked["jacobian"])
     series = data.series(ranks=ranks)
-    if resolution and series is not None:
+    if asked["resolution"] and series is not None:
         if not is_idle(ranks):
             print_resolution_over_time(data, quantities, as_json)
         return
-    comes_apart = partial(_is_in_parts, quantities, resolution or quality)
-    if critical:
+    comes_apart = partial(_is_in_parts, quantities, any(asked[name] for name in _OF_THE_WHOLE))
+    if asked["critical"]:
         comes_apart = partial(_have_all_sides, quantities, wall, ranks)
     source = _opened(data, series, comes_apart, ranks)
-    if source is None or (predefined and is_idle(ranks)):
+    if source is None or (asked["predefined"] and is_idle(ranks)):
         return
-    tasks = (
-        (jacobian, "--jacobian", partial(_prove, as_json=as_json, many=many)),
-        (extrema, "--extrema", partial(print_extrema, quantities, as_json, without_top_modes)),
-        (critical, "--critical", partial(_isolate, names=quantities, wall=wall, as_json=as_json)),
-        (resolution, "--resolution", partial(print_resolution, names=quantities, as_json=as_json)),
-        (quality, "--quality", partial(print_quality, as_json=as_json)),
-    )
-    if _is_done(source, tasks):
+    tasks = {
+        "jacobian": partial(_prove, as_json=as_json, many=many),
+        "extrema": partial(print_extrema, quantities, as_json, without_top_modes),
+        "critical": partial(_isolate, names=quantities, wall=wall, as_json=as_json),
+        "resolution": partial(print_resolution, names=quantities, as_json=as_json),
+        "quality": partial(print_quality, as_json=as_json),
+        "waves": partial(print_waves, as_json=as_json),
+    }
+    if _is_done(source, tasks, asked):
         return
-    if predefined:
+    if asked["predefined"]:
         _list([*source.names.flow.catalogue(), *source.names.attributes()], as_json)
         return
     _describe(source, series, quantities, as_json, many)
@@ -177,14 +171,14 @@ def _describe(
     _tell(facts, as_json, lambda: print_opened(facts) if source.dataset is None else print_facts(facts, many))
 
 
-def _is_done(source: Source, tasks: Sequence[tuple[bool, str, Callable[[NativeSource], None]]]) -> bool:
+def _is_done(source: Source, tasks: Mapping[str, Callable[[NativeSource], None]], asked: Mapping[str, bool]) -> bool:
     """Do the first task that is requested, and tell whether there is one; UsageError for data of a runtime plugin.
 
-    tasks  whether each is requested, its option, and what does it
+    tasks  by the names of their parameters
     """
-    for is_asked, option, task in tasks:
-        if is_asked:
-            task(native_source(source, option))
+    for name, task in tasks.items():
+        if asked[name]:
+            task(native_source(source, f"--{name}"))
             return True
     return False
 
@@ -192,10 +186,8 @@ def _is_done(source: Source, tasks: Sequence[tuple[bool, str, Callable[[NativeSo
 def _check_options(count: int, is_wall_used: bool, are_modes_used: bool) -> None:
     """Raise UsageError for several questions at once, a wall without critical points, and modes without extrema."""
     if count > 1:
-        tasks_text = (
-            "--strict, --jacobian, --quantities, --extrema, --critical, --resolution, --quality or --largest-scale"
-        )
-        raise click.UsageError(f"expected {tasks_text}, found several")
+        some = "--strict, --jacobian, --quantities, --extrema, --critical, --resolution, --quality, --waves"
+        raise click.UsageError(f"expected {some} or --largest-scale, found several")
     if not is_wall_used:
         raise click.UsageError("--wall: expected with --critical")
     if not are_modes_used:
@@ -251,16 +243,16 @@ def _isolate(source: NativeSource, names: Sequence[str], wall: str | None, as_js
     else:
         rows = []
         for each in found.points:
-            place = ", ".join(f"{x:.10g}" for x in each.position)
+            place = ", ".join(f"{x:.10g}" for x in each.place)
             values = ", ".join(f"{value:.6g}" if value.imag else f"{value.real:.6g}" for value in each.eigenvalues)
             rows.append((each.kind, str(each.index), place, str(each.element), values))
-        print_table(("kind", "index", "position", "element", "eigenvalues"), rows)
+        print_table(("kind", "index", "place", "element", "eigenvalues"), rows)
     if found.undecided:
         warn(
             f"undecided in {len(found.undecided)} elements, for example along lines of zeros: {_first(found.undecided)}"
         )
-    if found.near_boundary:
-        note(f"not searched next to the outer boundary, within 1/128 of {len(found.near_boundary)} elements")
+    if found.beside:
+        note(f"not searched next to the outer boundary, within 1/128 of {len(found.beside)} elements")
 
 
 def _first(ids: Sequence[int]) -> str:
@@ -301,7 +293,7 @@ def _check(data: tuple[Path, ...], ranks: Ranks, as_json: bool) -> None:
         return
     required, advised = ([each for each in found if each.is_required is kind] for kind in (True, False))
     if as_json:
-        facts = [{"place": each.place, "message": each.sentence, "required": each.is_required} for each in found]
+        facts = [{"place": each.place, "sentence": each.sentence, "required": each.is_required} for each in found]
         print_json({"findings": facts})
     else:
         _print_findings("required by programs of the format:", required)
@@ -335,7 +327,7 @@ def _prove(source: NativeSource, as_json: bool, many: int | None) -> None:
         print_json(facts)
     else:
         say(_validity_sentence(facts))
-        headers = ("element", "shape", "jacobian", "lower bound", "upper bound", "minimum", "at xi", "at x")
+        headers = ("element", "shape", "jacobian", "lower bound", "upper bound", "least", "at xi", "at x")
         rows = [_listed_row(row) for row in facts["listed"]]
         if rows:
             click.echo()
@@ -359,6 +351,6 @@ def _validity_sentence(facts: Facts) -> str:
 
 def _listed_row(row: Facts) -> tuple[object, ...]:
     places = (", ".join(f"{x:.6g}" for x in row[name]) for name in ("reference", "world"))
-    values = (f"{row[name]:.10g}" for name in ("lower", "upper", "minimum"))
-    status = f"{row['status']}: {row['reason']}" if row["reason"] else row["status"]
+    values = (f"{row[name]:.10g}" for name in ("lower", "upper", "least"))
+    status = f"{row['verdict']}: {row['reason']}" if row["reason"] else row["verdict"]
     return row["element"], row["shape"], status, *values, *places

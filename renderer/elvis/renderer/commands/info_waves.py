@@ -1,0 +1,28 @@
+"""``elvis info --waves``: the energy of fields by waves of a Fourier direction, as a table."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from elvis.renderer.commands.sources import NativeSource
+
+
+def print_waves(source: NativeSource, as_json: bool) -> None:
+    """Print a row for each wave."""
+    from elvis.core.terminal import print_json, print_table, say, stage
+    from elvis.plugins.fourier_planes import wave_energies
+
+    with stage("integrating"):
+        found = wave_energies(source.dataset)
+    if as_json:
+        print_json(asdict(found))
+        return
+    names = list(found.by_field)
+    rows = []
+    for number, wave in enumerate(found.waves):
+        length = f"{found.period / wave:.6g}" if wave else "mean"
+        rows.append((wave, length, *(f"{found.by_field[name][number]:.6g}" for name in names)))
+    print_table(("wave", "wavelength", *names), rows)
+    say("\nMean squares over the plane and the period; they add up to those of the fields.")
