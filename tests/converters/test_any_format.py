@@ -189,7 +189,7 @@ def test_unrecognised_files(solvers, tmp_path):
     with pytest.raises(ElvisError, match=r": expected a file of a known .*without files of a known format$"):
         read(tmp_path)
     shutil.copy(solvers / FORMATS["vtk"][0], tmp_path)
-    with pytest.raises(ElvisError, match=r"found a folder: give files of it, such as .*dealii_shell_p4\.vtu$"):
+    with pytest.raises(ElvisError, match=r"found a folder: pass files from it, such as .*dealii_shell_p4\.vtu$"):
         read(tmp_path)
     with pytest.raises(FormatError, match="there is no such file"):
         read(tmp_path / "none.vtu")

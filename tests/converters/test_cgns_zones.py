@@ -119,7 +119,7 @@ def test_inner_nodes_lie_where_the_standard_places_them(tmp_path, number):
     count = len(block.table)
     own = unstructured("Zone", block.points, count, section("Cells", number, 1, block.table))
     source = Cgns([writing.write_hdf5(tmp_path / "a.cgns", [base(own)], 4.0)])
-    assert any("lie where notes in the standard place them" in note for note in source.notes)
+    assert any("lie where notes in the standard define them" in note for note in source.notes)
     dataset = convert(source).dataset
     assert integrate(dataset, "1")[0].value == pytest.approx(1, abs=ROUNDING)
     wanted = 4 + 2 * block.area("jmin")

@@ -138,8 +138,8 @@ def test_many_elements_in_runs(tmp_path):
 
 
 BAD = [
-    (lambda raw: raw[:-1], "expected 3 elements, found 2 complete ones"),
-    (lambda raw: raw[:300], "expected 3 elements, found 0 complete ones"),
+    (lambda raw: raw[:-1], "expected 3 elements, found 2 complete elements"),
+    (lambda raw: raw[:300], "expected 3 elements, found 0 complete elements"),
     (lambda raw: raw[:100], "expected an element, found the end"),
     (lambda raw: raw + b"0", "expected the end after 3 elements, found 1 bytes more"),
     (lambda raw: raw[:24] + b"\0\0\0\2" + raw[28:], "expected a 1 that marks the byte order"),

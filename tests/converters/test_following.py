@@ -131,7 +131,7 @@ def test_the_picture_of_the_newest_step_is_that_of_render(made, run, tmp_path, e
 def test_a_run_without_a_step_is_a_failure(made, run, tmp_path, elvis):
     shutil.copy(made[0], run)
     with pytest.raises(
-        ElvisError, match=r"nothing was drawn in 0\.2 s: waiting for a step: found a mesh, but no field"
+        ElvisError, match=r"no step was drawn in 0\.2 s: waiting for a step: found a mesh, but no field"
     ):
         elvis("watch", run, "--every", "0.05", "--idle", "0.2", "-o", tmp_path / "latest.png")
     assert not (tmp_path / "latest.png").exists()

@@ -80,7 +80,10 @@ def test_meshes_of_hopr(solvers, tmp_path, change, sentence):
             lambda file: file["eles/hex"].attrs.create("pts", np.zeros(3)),
             r"expected points, found numbers of shape \(3,\)",
         ),
-        (instead("nodes", np.zeros(3, [("location", "f8", (5,))])), r"nodes: expected places, found numbers of shape"),
+        (
+            instead("nodes", np.zeros(3, [("location", "f8", (5,))])),
+            r"nodes: expected positions, found numbers of shape",
+        ),
     ],
 )
 def test_meshes_of_pyfr(solvers, tmp_path, change, sentence):
@@ -134,7 +137,7 @@ def test_gmsh_sections_with_too_many_blocks(tmp_path, count):
     head = b"$MeshFormat\n4.1 1 8\n" + struct.pack("<i", 1) + b"\n$EndMeshFormat\n"
     blocks = struct.pack("<4Q", 1, 0, 0, 0) + struct.pack("<3iQ", 3, 1, 4, count)
     raw = head + b"$Elements\n" + blocks + bytes(64) + b"\n$EndElements\n"
-    with pytest.raises(FormatError, match="expected as many bytes as its numbers ask for"):
+    with pytest.raises(FormatError, match="expected the number of bytes that its counts require"):
         check(tmp_path / "a.msh", raw, lambda kind: 4)
 
 
@@ -271,7 +274,9 @@ def test_exodus_files_with_more_blocks_or_sets_than_bytes(tmp_path, dimension):
     with h5py.File(path, "r+") as file:
         del file[dimension]
         file.create_dataset(dimension, (10**12,), ">f4", chunks=(1000,)).make_scale(dimension)
-    with pytest.raises(FormatError, match=f"{dimension}: expected at most [0-9]+, as its bytes hold, found 10000"):
+    with pytest.raises(
+        FormatError, match=f"{dimension}: expected at most [0-9]+, from the size of the file, found 10000"
+    ):
         Exodus([path])
 
 

@@ -59,7 +59,7 @@ class TestNGSolve:
 
     def test_a_formula_needs_an_order(self, ngsolve, disk):
         formula = ngsolve.x * ngsolve.y
-        with pytest.raises(ElvisError, match="expected an order for f, which is no grid function"):
+        with pytest.raises(ElvisError, match="expected an order for f, which is not a grid function"):
             from_ngsolve(disk, f=formula)
         # of degree 8 on elements whose map is of degree 4
         dataset = from_ngsolve(disk, f=formula, order=8)
@@ -215,7 +215,7 @@ class TestArrays:
             (
                 {"triangle": np.zeros((1, 4, 2))},
                 {},
-                "as many nodes as a complete polynomial of some order has, found 4",
+                "the nodes of a complete polynomial, found 4",
             ),
             ({"triangle": np.zeros((1, 6, 2))}, {}, "expected the argument reference, with (6, 2) positions"),
             ({"hexahedron": np.zeros((1, 8, 2))}, {}, "expected positions (elements, nodes, 3), found (1, 8, 2)"),

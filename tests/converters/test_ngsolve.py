@@ -157,7 +157,7 @@ def test_regions_have_names(tmp_path):
 
 def test_functions_without_a_space_need_an_order(tmp_path):
     mesh = cube()
-    with pytest.raises(ElvisError, match="expected an order for f, which is no grid function, found none"):
+    with pytest.raises(ElvisError, match="expected an order for f, which is not a grid function, found none"):
         export(tmp_path / "a.elems.npz", mesh, {"f": ngsolve.x * ngsolve.y})
     assert not list(tmp_path.iterdir())
     export(tmp_path / "a.elems.npz", mesh, {"f": ngsolve.x * ngsolve.y}, order=2)

@@ -253,7 +253,7 @@ def test_extrema_over_steps_are_within_the_stated_error(reported, tmp_path):
     arguments = ["average", folder / "w.xml", *steps, "--extrema", "-o", tmp_path / "extrema.fld"]
     outcome = CliRunner().invoke(group, list(map(str, arguments)))
     assert outcome.exit_code == 0
-    told = dict(re.findall(r"note: (\w+): no basis holds it: its error is at most ([0-9.e+-]+)", outcome.stderr))
+    told = dict(re.findall(r"note: (\w+): no basis represents it: its error is at most ([0-9.e+-]+)", outcome.stderr))
     points = np.random.default_rng(0).random((300, 3))
     series = open_series(folder / "w.xml", *steps)
     found = read(folder / "w.xml", tmp_path / "extrema.fld")

@@ -129,7 +129,7 @@ def test_a_mesh_may_be_a_part_of_that_of_all_steps(tmp_path):
         field = approximated(dataset, "u", lambda p: p[:, 0], 3)
         write(replace(dataset, fields=(field,), time=float(number)), field_path=file)
     for step in open_series(*files):
-        assert "on 5 elements that the mesh lacks, which are ignored" in step.remarks[0]
+        assert "on 5 elements that are not in the mesh; they are ignored" in step.remarks[0]
 
 
 def test_both_ends_of_long_series_are_listed(tmp_path, elvis):
@@ -219,10 +219,10 @@ def test_empty_folders_are_reported(tmp_path, elvis):
 def test_invalid_step_numbers_are_reported(tmp_path):
     files = steps_of(tmp_path, [0.0, 1.0, 2.0], lambda p, t: polynomial(p, t, 1) if t < 2 else p[:, 0] * np.nan)
     series = open_series(*files)
-    told = "step 2 holds values that are not finite, and so do the interpolated values next to it"
+    told = "step 2 contains values that are not finite, and so do the interpolated values next to it"
     assert told in series.at(1.5).remarks
-    assert series.faults == ["step 2, run_2.chk, holds values that are not finite"]
-    assert series[2].remarks == ("step 2, run_2.chk, holds values that are not finite",)
+    assert series.faults == ["step 2, run_2.chk, contains values that are not finite"]
+    assert series[2].remarks == ("step 2, run_2.chk, contains values that are not finite",)
     assert told not in series.at(0.5).remarks
 
 
@@ -241,7 +241,7 @@ def test_single_states_are_not_series(tmp_path, elvis):
     with pytest.raises(ElvisError, match=r"absent\.chk: there is no such file"):
         open_series(files[0], tmp_path / "absent.chk")
     assert read(*files[:2]).remarks == ()
-    with pytest.raises(ElvisError, match="expected step 0, as the files hold one state, found 3"):
+    with pytest.raises(ElvisError, match="expected step 0, as the files contain one state, found 3"):
         elvis("norms", *files[:2], "--step", "3")
     table = elvis("probe", *files[:2], "--point", "0.5,0.5", "--field", "t", "--time", "7")
     assert float(table.splitlines()[1].split(",")[-1]) == 7.0

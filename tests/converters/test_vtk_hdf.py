@@ -174,7 +174,7 @@ def test_bad_files(tmp_path, name, values, words):
     assert Vtk.hint(path).startswith("a VTKHDF file of the type ImageData: save an unstructured grid")
     with h5py.File(path, "r+") as file:
         file["VTKHDF/other"] = h5py.ExternalLink("b.vtkhdf", "VTKHDF")
-    assert Vtk.hint(path).endswith("whose blocks lie in other files: give those")
+    assert Vtk.hint(path).endswith("whose blocks lie in other files: pass those files")
 
 
 @pytest.mark.parametrize(

@@ -84,8 +84,8 @@ def test_a_process_may_have_no_cells():
 DAMAGES = [
     ("connectivity", [np.array([[3, 0, 1, 2, 3]])] * 2, "rows that begin with their number of nodes"),
     ("connectivity", [np.array([[4, 0, 1, 2, 99]])] * 2, "expected points 0 to 7, found 0 to 99"),
-    ("geometry", [np.zeros((8, 2))] * 2, "places of three coordinates in 2 blocks"),
-    ("f", [np.zeros((8, 1)), np.zeros((8, 0))], r"as many components in all blocks, found \[0, 1\]"),
+    ("geometry", [np.zeros((8, 2))] * 2, "positions of three coordinates in 2 blocks"),
+    ("f", [np.zeros((8, 1)), np.zeros((8, 0))], r"the same number of components in all blocks, found \[0, 1\]"),
     ("f", [np.zeros((3, 1)), np.zeros((8, 1))], r"rows in blocks, found \[3, 8\]"),
     ("vtkOriginalPointIds", [], r"vtkOriginalPointIds: expected \[8, 8\] rows in blocks, found \[\]"),
     ("vtkOriginalPointIds", [np.arange(8), np.arange(7)], r"expected \[8, 8\] rows in blocks, found \[8, 7\]"),

@@ -154,8 +154,11 @@ def test_payloads_that_expand_without_bound(copied, refused):
 FIELD_CHANGES = [
     ([('ID="1655-1658"', 'ID="1655-1657"')], "expected 75 numbers, found more"),
     ([('ID="1655-1658"', 'ID="1655-1659"')], "expected 125 numbers, found 100"),
-    ([('ID="1655-1658"', 'ID="0-99999999999"')], "expected 2500000000000 numbers, found .* characters, too few"),
-    ([('ID="1655-1658"', 'ID="0-9223372036854775807"')], "expected coefficients that a file can hold, found 2.31e"),
+    ([('ID="1655-1658"', 'ID="0-99999999999"')], "expected 2500000000000 numbers, found .* characters, which are too few"),
+    (
+        [('ID="1655-1658"', 'ID="0-9223372036854775807"')],
+        "expected coefficients within the limits of a file, found 2.31e",
+    ),
     ([('ID="1655-1658"', 'ID="1655-1658,1655"')], "expected 125 numbers, found 100"),
     ([('ID="1655-1658"', 'ID="1655-"')], "expected ids separated by commas, found '1655-'"),
     ([('ID="1655-1658"', 'ID="A-Z"')], "expected a list of ids, found the character 'A'"),
@@ -321,7 +324,7 @@ def test_records_that_contradict_themselves(copied, refused):
     index = re.search(r"<INDEX>([^<]*)<", original)[1]
     record = np.array([0, 0, 3, 0, 0, 17], np.int64)
     cases = {
-        "expected curves of at most 5 points, found one beyond them": [2**62, -1, 6],
+        "expected curves of at most 5 points, found a longer one": [2**62, -1, 6],
         "expected at least 2 points on an edge, found 1 PolyEvenlySpaced on 0": [1],
     }
     for message, counts in cases.items():
@@ -331,7 +334,7 @@ def test_records_that_contradict_themselves(copied, refused):
             refused(mesh, match=message)
     for places in ([0, 1, 99], [-1, 0, 1]):
         mesh.write_text(original.replace(index, packed(np.array(places, np.int64).tobytes())))
-        refused(mesh, match="expected places in 5 points, found one beyond them")
+        refused(mesh, match="expected indices of 5 points, found a larger one")
     mesh.write_text(original.replace(curve, packed(record.tobytes()[:-3])))
     refused(mesh, match="expected records of 6 numbers, found 45 bytes in all")
 

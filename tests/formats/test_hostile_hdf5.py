@@ -105,7 +105,7 @@ HDF5_CHANGES = {
     store_text: "/NEKTAR/DATA: expected numbers, found object of shape",
     store_square: r"/NEKTAR/ELEMENTIDS: expected whole numbers, found uint32 of shape \(3, 4\)",
     store_group: "/NEKTAR/DATA: expected a dataset, found a group",
-    store_nothing: "/NEKTAR/DATA: expected numbers or strings, found nothing",
+    store_nothing: "/NEKTAR/DATA: expected numbers or strings, found none",
     short_table: "/NEKTAR: expected DECOMPOSITION with seven numbers a block, found otherwise",
     great_counts: "/NEKTAR/DECOMPOSITION: expected counts of data, found 9223372036854775808",
     other_key: "/NEKTAR: expected a group 5, found none",

@@ -247,7 +247,7 @@ def test_a_piece_of_a_mesh_that_is_missing(nektar, tmp_path, number):
         return
     whole = read(tmp_path, fields)
     lacking = 25 - len(whole.mesh.of(Shape.QUADRILATERAL))
-    assert whole.remarks == (f"fields are on {lacking} elements that the mesh lacks, which are ignored",)
+    assert whole.remarks == (f"fields are on {lacking} elements that are not in the mesh; they are ignored",)
     assert read_part(0, 2, tmp_path, fields).dataset.remarks == whole.remarks
     assert read(folder, fields).remarks == ()
 

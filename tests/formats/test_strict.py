@@ -314,7 +314,7 @@ def test_the_command_fails_on_violated_requirements(volume, tmp_path):
     files = [str(file) for file in write(volume, tmp_path / "a.xml", mesh_format="text")]
     strict = lambda *more: CliRunner().invoke(info, ["--strict", *more, *files], standalone_mode=False)  # noqa: E731
     assert strict().exception is None
-    assert strict().stdout == "all rules are met\n"
+    assert strict().stdout == "all rules are satisfied\n"
 
     # good practice alone: told, and no failure
     text = (tmp_path / "a.xml").read_text()

@@ -215,7 +215,7 @@ def test_curved_walls_have_the_length_of_their_integral():
         ("boundary:all", "expected 2D data, found 3D; section:NAME:plane:P:N"),
         ("section:all", "expected section:NAME:plane:P:N, such as"),
         ("section:all:plane:0,0,0:0,0,0", "expected section:NAME:plane:P:N"),
-        ("section:all:plane:0,0,9:0,0,1", "the plane does not meet all"),
+        ("section:all:plane:0,0,9:0,0,1", "the plane does not intersect all"),
         ("section:all:plane:0,0,1:0,0,1", "the plane holds .* sides of all"),
         ("section:wng:plane:0,0,1:0,0,1", "there is no boundary 'wng'"),
     ],

@@ -202,7 +202,7 @@ def test_damaged_conversions_are_moved_aside_and_regenerated(home, case, damage)
     flipped[len(whole) // 2] ^= 4
     wrong = {"one bit": bytes(flipped), "cut short": whole[:-1], "empty": b"", "something else": b"x" * 1000}[damage]
     file.write_bytes(wrong)
-    remark = f"a cached conversion in {home} is damaged: it was set aside and repeated"
+    remark = f"a cached conversion in {home} is damaged: it was moved aside, and the conversion repeated"
     assert asked(path) == (value, (remark,), 1)
     assert file.read_bytes() == whole
     assert file.with_suffix(".damaged").read_bytes() == wrong

@@ -190,7 +190,7 @@ def test_text_that_is_not_json_is_rejected(tmp_path):
         (
             "\n3.0 0.0 0.0 1.0\n",
             "\n3.5 0.0 0.0 1.0\n",
-            "expected equal control points where patches meet",
+            "expected equal control points on shared sides of patches",
         ),
     ],
 )

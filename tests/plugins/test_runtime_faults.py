@@ -173,7 +173,7 @@ def test_the_kit_finds_faces_that_are_not_on_their_elements(cubes, renderer):
         "border of the reference shape": replace(block, frames=0.9 * block.frames),
         "where the map has them": replace(block, nets=lambda rows: block.nets(rows) * [1.1, 1, 1, 1]),
         "two elements at most": replace(block, entity=0 * block.entity),
-        "both sides of a face at one place": replace(block, entity=np.roll(block.entity, 1)),
+        "coincident sides of a face": replace(block, entity=np.roll(block.entity, 1)),
     }
     for sentence, lie in lies.items():
         with pytest.raises(AssertionError, match=sentence):

@@ -89,7 +89,7 @@ def test_records_are_compared(records, tmp_path):
     same = run(exact, exact, "--require", "pixel-exact")
     assert (same.exit_code, same.stdout) == (
         0,
-        "Exact: all 2,400 pixels keep every tolerance. The pictures are the same.\n",
+        "Exact: all 2,400 pixels are within every tolerance. The pictures are the same.\n",
     )
     told = json.loads(run(exact, other, "--json").stdout)
     assert told["pixel_exact"] is False

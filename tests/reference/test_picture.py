@@ -112,8 +112,8 @@ def test_rays_that_miss_the_plane_show_nothing():
     ("case", "sentence"),
     [
         ("line_1d", "1D data are drawn on the host from points a quarter of a pixel apart"),
-        ("sphere_manifold", "pictures are made of 2D data in the plane and of 3D data, found DIM=2 SPACE=3"),
-        ("naca_h1d_line", "pictures are made of 2D data in the plane and of 3D data, found DIM=1 SPACE=2"),
+        ("sphere_manifold", "expected 2D data in the plane or 3D data, found DIM=2 SPACE=3"),
+        ("naca_h1d_line", "expected 2D data in the plane or 3D data, found DIM=1 SPACE=2"),
     ],
 )
 def test_data_without_a_plane_picture_are_rejected(nektar, case, sentence):

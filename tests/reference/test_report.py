@@ -85,7 +85,7 @@ def test_the_reference_is_within_its_tolerances(study):
     assert study.validation.passed
     assert max(study.validation.size) == 30
     assert conclusion(study).startswith(
-        "Exact: all 600 pixels keep every tolerance. Linear elements after 1 refinement: "
+        "Exact: all 600 pixels are within every tolerance. Linear elements after 1 refinement: "
     )
 
 

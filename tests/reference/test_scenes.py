@@ -216,7 +216,7 @@ def test_lines_have_no_reference():
     """1D data: neither the device reference nor a comparison has anything exact to say of them."""
     points, ends = np.arange(3.0)[:, None] * np.eye(3)[:1], np.array([[0, 1], [1, 2]])
     line = with_field(connected(points, {Shape.SEGMENT: ends}, 1), lambda x: x[:, 0])
-    with pytest.raises(ElvisError, match="leave --device reference out"):
+    with pytest.raises(ElvisError, match="omit --device reference"):
         render(line, Scene("u", size=SIZE))
     with pytest.raises(ElvisError, match="there are no linear pictures to compare with"):
         compare_scene(line, Scene("u", size=SIZE))

@@ -373,7 +373,7 @@ def test_keys_of_the_scene_move(files, tmp_path, drawn):
     for text in ("1", "a:b", "1:[1,2]", "0:inf"):
         with pytest.raises(SceneError, match="--key zoom: expected two or more numbers with colons between them"):
             Key.of("zoom", text)
-    with pytest.raises(SceneError, match=r"--key objects\[3\]\.style\.opacity: the scene has no such place"):
+    with pytest.raises(SceneError, match=r"--key objects\[3\]\.style\.opacity: the scene has no such key"):
         run("animate", *files[:2], "--key", "objects[3].style.opacity=0:1", "-o", tmp_path / "none")
 
 

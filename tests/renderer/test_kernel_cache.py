@@ -107,7 +107,7 @@ def test_damaged_kernels_are_moved_aside_and_recompiled(process, compose, tmp_pa
     process()
     hits, misses, remarks = compose()
     assert (hits, misses, len(remarks)) == (0, 1, 1)
-    assert remarks[0] == (f"damaged compiled kernels in {file.parent}, set aside and rebuilt when needed: 1")
+    assert remarks[0] == (f"damaged compiled kernels in {file.parent}, moved aside and rebuilt when needed: 1")
     assert file.read_bytes() == whole
     assert [path.read_bytes() for path in kept(tmp_path, "damaged")] == [wrong]
     process()

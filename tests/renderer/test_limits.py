@@ -76,10 +76,10 @@ def test_large_pictures_store_only_colours(renderer, cube, monkeypatch):
 
 
 def test_time_limits(draw, cube):
-    with pytest.raises(SceneError, match="not done after 1e-06 s, the time limit: nothing is written"):
+    with pytest.raises(SceneError, match="exceeded the time limit of 1e-06 s: no file is written"):
         draw(cube, objects=(Faces(),), camera=NEAR, size=(40, 30), timeout=1e-6)
     assert draw(cube, objects=(Faces(),), camera=NEAR, size=(40, 30), timeout=1e3).seen.any()
-    with pytest.raises(SceneError, match="the time limit: nothing is written"):
+    with pytest.raises(SceneError, match="exceeded the time limit of .*: no file is written"):
         draw(cube, plane=PLANE, size=(40, 30), timeout=1e-6)
     with pytest.raises(SceneError, match="timeout: expected seconds above 0, found 0"):
         Scene("u", timeout=0.0)
@@ -270,7 +270,7 @@ def test_settings_change_any_key(run, tmp_path):
         run(*cut, "--set", "objects[0].style.color=[1, 0, 0]", "--set", "ambient=0.5", "-o", tmp_path / "a.png")[0] == 0
     )
     for setting, sentence in (
-        ("objects[7].style.opacity=1", "--set objects[7].style.opacity: the scene has no such place"),
+        ("objects[7].style.opacity=1", "--set objects[7].style.opacity: the scene has no such key"),
         ("objects[0].style.opacty=1", "unknown key 'objects[0].style.opacty', did you mean opacity?"),
         ("ambient=bright", "ambient: expected a finite number, found 'bright'"),
     ):

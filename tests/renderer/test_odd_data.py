@@ -187,7 +187,7 @@ def test_fields_of_the_map_are_not_used_as_colours(draw):
     plain = Dataset(mesh)
     maps = [approximated(plain, f"map_{'xyz'[i]}", lambda p, i=i: p[:, i], 4) for i in range(3)]
     mapped = Dataset(mesh, tuple(maps), metadata={"GeometryMap": "map_x,map_y,map_z"})
-    with pytest.raises(SceneError, match="a mesh but no field: also give the field file, or name a quantity"):
+    with pytest.raises(SceneError, match="a mesh but no field: also pass the field file, or name a quantity"):
         default_field(mapped)
     bare = render(mapped, device="reference", plane=PLANE, size=(40, 30))
     assert bare.scene.field == "1"

@@ -58,7 +58,7 @@ def test_same_pixels_without_a_graphics_driver(name, shared, same_on, liveliest)
 
 def refused(dataset):
     scene = Scene(dataset.fields[0].name, Plane((0, 0, 0), (0, 0, 1)), size=(8, 8))
-    with pytest.raises(ElvisError, match=r"pictures are made of 2D data in the plane|1D data are drawn on the host"):
+    with pytest.raises(ElvisError, match=r"expected 2D data in the plane|1D data are drawn on the host"):
         render_reference(dataset, scene)
 
 

@@ -111,7 +111,7 @@ def test_the_time_limit_ends_a_march(draw, monkeypatch):
     bands = []
     monkeypatch.setattr(_March, "band", lambda *some: bands.append(some))
     data = rising(grid(Shape.TETRAHEDRON, 2))
-    with pytest.raises(SceneError, match="the time limit: nothing is written"):
+    with pytest.raises(SceneError, match="exceeded the time limit of .*: no file is written"):
         draw(data, camera=CAMERA, size=SIZE, objects=(VOLUME,), timeout=1e-9)
     assert not bands
 
@@ -123,7 +123,7 @@ def test_the_time_limit_ends_a_march(draw, monkeypatch):
         (("--volume", ","), 2, "expected 2 numbers"),
         (("--volume", "0:1,1:-4"), 2, "densities of a transfer function: expected a finite number of 0 or more"),
         (("--volume", "0:1e308,1:1e308"), 1, "densities of a volume: 1e+308 overflows"),
-        (("--volume", "0:1,1:2", "--timeout", "1e-6"), 1, "the picture was not done after 1e-06 s"),
+        (("--volume", "0:1,1:2", "--timeout", "1e-6"), 1, "the picture exceeded the time limit of 1e-06 s"),
     ],
 )
 def test_bad_volumes_give_a_one_line_error_and_no_file(renderer, tmp_path, capfd, asked, status, sentence):

@@ -44,7 +44,7 @@ def test_tubes_around_an_arc_of_a_sphere(data, device):
     ("settings", "reason"),
     [
         ({"along": "line:0,0,0:1,1,1"}, "along: expected boundary:NAME or section:NAME:plane:P:N"),
-        ({"along": "section:all:plane:0,0,9:0,0,1"}, "the plane does not meet all"),
+        ({"along": "section:all:plane:0,0,9:0,0,1"}, "the plane does not intersect all"),
         ({"along": "boundary:all"}, "expected 2D data, found 3D"),
         ({"along": "section:all:plane:0,0,0.2:0,0,1", "seeds": ("elements",)}, "no settings of lines from seeds"),
         ({"along": "section:all:plane:0,0,0.2:0,0,1", "velocity": "p,p,p"}, "expected no velocity"),

@@ -54,7 +54,7 @@ def test_steps_may_have_separate_files(run, tmp_path, capsys):
 
 
 def test_a_run_without_visible_steps_is_a_failure(run, tmp_path):
-    with pytest.raises(ElvisError, match=r"nothing was drawn in 0\.2 s: values of an isosurface: 'u'.* found 7"):
+    with pytest.raises(ElvisError, match=r"no step was drawn in 0\.2 s: values of an isosurface: 'u'.* found 7"):
         watch(run, "--isosurface", "7", "--idle", "0.2", "-o", tmp_path / "u.png")
 
 

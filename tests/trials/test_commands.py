@@ -92,7 +92,7 @@ found a text that begins 'hello'
 $ elvis view notes.txt --no-browser [1]
 notes.txt: expected a file of a known format
 $ elvis info folder [1]
-found a folder: give files of it
+found a folder: pass files from it
 $ elvis info nothing.xml [1]
 nothing.xml: there is no such file
 $ elvis render blocks.fld [1]

@@ -56,7 +56,7 @@ def test_only_objects_are_hidden(key):
 
 @pytest.mark.parametrize("key", ["objects[7]", "objects[0].values.x", "field.x", "objects[x]", "title[0]", "axes", ""])
 def test_missing_keys(key):
-    with pytest.raises(SceneError, match="no such place"):
+    with pytest.raises(SceneError, match="no such key"):
         patched(TABLE, {key: None})
 
 

@@ -41,7 +41,7 @@ class Cgns(NodalConverter):
     format = "CGNS (.cgns), HDF5 or ADF"
     keeps = (
         "structured and unstructured zones, all element types up to order 4, boundary conditions and families by name, "
-        "solutions at vertices, in cells and in their own bases (CPEX 0045), time steps"
+        "solutions at vertices, in cells and in bases of the file (CPEX 0045), time steps"
     )
     loses = "values on faces, boundary data, data of other bases; files that are linked"
     reads = Reads(
@@ -292,7 +292,7 @@ class _ZoneReading:
         for section, groups in sections.items():
             sides, lost = self._sides.of_elements(groups)
             if lost:
-                self.warnings.append(f"{lost} elements of the section {section} lie on no cell")
+                self.warnings.append(f"{lost} elements of the section {section} belong to no cell")
             is_named = any(np.isin(group.numbers, named).any() for group in groups)
             if not is_named and not sides.are_among(marked):
                 for part in sides.parts():

@@ -169,7 +169,7 @@ def basic_shape(number: int) -> Shape | None:
 def element_type(number: int, by_notes: bool = False) -> ElementType:
     """The type with a number.
 
-    by_notes  whether its inner nodes lie where notes in the standard place them, not evenly
+    by_notes  whether its inner nodes lie where notes in the standard define them, not evenly
     """
     name, shape, order, where = _TYPES[number]
     nodes = nodes_of_type(number, by_notes)

@@ -271,12 +271,12 @@ class Condition:
         flat = [g for g in others if g.kind.shape.dimension == self.zone.dimension - 1 and len(g.numbers)]
         self.sides, lost = self._sides.of_elements(flat)
         if lost:
-            self.warnings.append(f"{lost} elements of the boundary condition {self.node.name} lie on no cell")
+            self.warnings.append(f"{lost} elements of the boundary condition {self.node.name} belong to no cell")
         unknown = named.count - len(self.taken)
         if unknown > 0 and len(self.taken):
             self.warnings.append(f"{unknown} elements of the boundary condition {self.node.name} are in no section")
         if not len(self.taken):
-            self._leave_out("names elements that no section holds")
+            self._leave_out("names elements that are in no section")
         elif not flat and not len(self.cells):
             self._is_degenerate = True  # points, or lines in space
 

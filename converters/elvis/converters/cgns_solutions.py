@@ -251,7 +251,7 @@ class Solutions:
         known = self._interpolations(degree, temporal)
         groups = self.zone.cells
         if temporal or any(group.kind.shape not in known for group in groups):
-            reason = "which are polynomials in time" if temporal else "whose interpolation no family of the zone holds"
+            reason = "which are polynomials in time" if temporal else "whose interpolation is in no family of the zone"
             self.warnings.append(f"{array.name} in {node.name}: values of degree {degree}, {reason}, were skipped")
             return
         chosen = chosen_elements(node, self.zone)

@@ -223,14 +223,14 @@ def _settled(group: Group, zone: Zone, section: Node) -> Group:
     """A group whose vertices are known to be there, and whose inner nodes lie where they are."""
     check_rows(group.nodes, zone.vertex_count, "vertices", 1, place=section.place)
     if group.kind.number in AMBIGUOUS and _lie_by_notes(group.kind.number, zone.points[group.nodes]):
-        note = f"inner nodes of {group.kind.name} in {section.name} lie where notes in the standard place them"
+        note = f"inner nodes of {group.kind.name} in {section.name} lie where notes in the standard define them"
         zone.notes.append(f"{note}, not evenly, and were read accordingly")
         return Group(element_type(group.kind.number, True), group.section, group.numbers, group.nodes)
     return group
 
 
 def _lie_by_notes(number: int, places: Floats) -> bool:
-    """Whether inner nodes of elements lie where notes in the standard place them, and not evenly.
+    """Whether inner nodes of elements lie where notes in the standard define them, and not evenly.
 
     Both are held against where the nodes on the edges suggest them.
     """

@@ -167,7 +167,7 @@ def _read(path: Path, raw: bytes) -> dict[Kind, list[tuple[Ints, Any]]]:
         record = _record(kind, order)
         whole = (len(raw) - at) // record.itemsize
         if whole == 0:
-            raise FormatError(f"expected {count} elements, found {number} complete ones", file=path)
+            raise FormatError(f"expected {count} elements, found {number} complete elements", file=path)
         data = np.frombuffer(raw, record, min(whole, count - number, most), at)
         other = np.flatnonzero((data["type"] != kind[0]) | (data["degrees"] != kind[1:]).any(axis=1))
         length = int(other[0]) if len(other) else len(data)

@@ -154,7 +154,7 @@ class Variables:
         """
         count, most = self.size(dimension), self.path.stat().st_size
         if count > most:
-            expected = f"at most {most}, as its bytes hold"
+            expected = f"at most {most}, from the size of the file"
             raise FormatError(f"expected {expected}, found {count}", file=self.path, place=dimension)
         return range(1, count + 1)
 

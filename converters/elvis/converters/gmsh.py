@@ -213,7 +213,7 @@ class Gmsh(NodalConverter):
             return NodalValues(values.table[starts], functions)
         number = int(counts.max(initial=0))
         if (counts != number).any():
-            raise _error(section, "as many values in elements of one type", f"{counts.min()} and {number}")
+            raise _error(section, "the same number of values in elements of one type", f"{counts.min()} and {number}")
         functions = self._functions(group, section, number)
         return NodalValues(values.table[starts + np.arange(number)], functions)
 

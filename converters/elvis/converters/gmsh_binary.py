@@ -43,7 +43,7 @@ def check(path: Path, raw: bytes | mmap, width: Callable[[int], int]) -> Counter
             except (struct.error, OverflowError):
                 end = -1
             if not stop - 2 <= end <= stop:
-                expected = "as many bytes as its numbers ask for"
+                expected = "the number of bytes that its counts require"
                 raise FormatError(f"expected {expected}, found others", file=path, place=f"${name}")
     return counts
 

@@ -57,9 +57,7 @@ def _nodes(meshes: Sequence[Mesh], paths: Sequence[Path]) -> tuple[Ints, Floats]
     off = np.abs(where - where[first][which.reshape(-1)]).max(axis=1, initial=0)
     if off.max(initial=0) > _NEAR * np.abs(where).max(initial=0):
         found = f"node {every[off.argmax()]} at others"
-        raise FormatError(
-            f"expected parts of one mesh, whose nodes lie at one place each, found {found}", file=paths[1]
-        )
+        raise FormatError(f"expected parts of one mesh with one position for each node, found {found}", file=paths[1])
     return tags, where[first]
 
 

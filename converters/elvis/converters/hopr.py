@@ -187,7 +187,7 @@ class Hopr(NodalConverter):
             raise FormatError(f"expected {expected}, found {kind} nodes and {len(names)}", file=file.filename)
         count = values.shape[3]
         if values.shape[1] not in (1, count) or values.shape[2] != count or not 1 <= count <= _HIGHEST + 1:
-            expected = f"as many nodes in each direction, up to {_HIGHEST + 1}"
+            expected = f"the same number of nodes in each direction, up to {_HIGHEST + 1}"
             raise FormatError(f"expected {expected}, found an array of shape {values.shape}", place="DG_Solution")
         nodes = tensor_nodes(Shape.HEXAHEDRON, tuple(_NODES[kind](count)[0].tolist()))
         basis = NodalBasis(Shape.HEXAHEDRON, count - 1, nodes)
@@ -233,8 +233,8 @@ class Hopr(NodalConverter):
         self.boundaries = [cells.parted(boundary, rows) for boundary in self.boundaries]
         self.declared = Declared(len(rows) + total)
         self.notes = [
-            f"{len(cells.elements)} elements hold finite-volume sub-cells: "
-            f"each became {count**3} elements, with the mean of each as a constant"
+            f"{len(cells.elements)} elements contain finite-volume sub-cells: "
+            f"each was split into {count**3} elements with constant mean values"
         ]
 
 

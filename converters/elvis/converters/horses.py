@@ -134,7 +134,7 @@ class Horses(NodalConverter):
             raise FormatError("expected elements, found none", file=path)
         flat = np.flatnonzero((keys[:, :3] == 1).all(axis=0) & (keys[:, 3:] == 1).all(axis=0))
         if len(flat) > 1 or (np.delete(keys[:, :3], flat, axis=1) == 1).any():
-            raise FormatError("expected maps of order 1 or more in two directions at least, found others", file=path)
+            raise FormatError("expected maps of order 1 or more in at least two directions, found others", file=path)
 
         self._axes = [axis for axis in range(3) if axis not in flat]
         self._shape = Shape.QUADRILATERAL if len(flat) else Shape.HEXAHEDRON

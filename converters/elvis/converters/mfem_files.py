@@ -142,7 +142,7 @@ def _taken(numbers: Iterator[str], skipped: int, count: int) -> list[str]:
     """The next ``count`` words after some that are skipped; raises ValueError if there are fewer."""
     found = list(islice(numbers, skipped, skipped + count))
     if len(found) != count:
-        raise ValueError(f"expected {count} words, found {len(found)}")
+        raise ValueError(f"expected {count} tokens, found {len(found)}")
     return found
 
 

@@ -101,7 +101,7 @@ def _functions(name: str, path: Path, text: str) -> dict[str, Source]:
     end = header_end(path, own)
     words = own[end:].split()
     if len(words) % 2:
-        raise FormatError(f"expected as many real numbers as imaginary ones, found {len(words)}", file=path)
+        raise FormatError(f"expected the same number of real and imaginary parts, found {len(words)}", file=path)
     parts = {"re": words[: len(words) // 2], "im": words[len(words) // 2 :]}
     head = own[:end]
     return {f"{name}_{part}": Source(path, f"{head}\n\n" + "\n".join(of) + "\n", False) for part, of in parts.items()}

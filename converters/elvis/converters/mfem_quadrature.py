@@ -81,9 +81,7 @@ class PointFunctions(ShapeFunctions):
                 # among all combinations with these values, the one with the smallest sum of squares
                 self._inverse = np.linalg.pinv(table)
                 return
-        raise FormatError(
-            f"expected points whose values polynomials of order up to {_HIGHEST} can take, found {len(points)}"
-        )
+        raise FormatError(f"expected points that determine a polynomial of order up to {_HIGHEST}, found {len(points)}")
 
     def tabulate(self, points: Floats) -> Floats:
         """The polynomials, combined."""

@@ -47,7 +47,7 @@ class Nek(NodalConverter):
 
     format = "Nek5000/NekRS field files (.f00001, .nek5000), boundaries from .re2"
     keeps = "curved quadrilaterals and hexahedra of any order, all fields, either precision, steps of many files, time"
-    loses = "periodic links and curve descriptions of the .re2 file; pressure on its own mesh"
+    loses = "periodic links and curve descriptions of the .re2 file; pressure on a separate mesh"
     reads = Reads(
         "quadrilaterals, hexahedra",
         "any",
@@ -124,7 +124,7 @@ class Nek(NodalConverter):
         names = [(name, parts) for name, parts in head.channels if name != "position"]
         if head.pressure_apart and ("pressure", 1) in names:
             names.remove(("pressure", 1))
-            self.notes = ["the pressure has its own mesh and was skipped"]
+            self.notes = ["the pressure is on a separate mesh and was skipped"]
         for name, parts in names:
             records = _Records(np.empty((0, parts)), basis, step=values, name=name, rows=np.arange(count))
             self.add_field(name, component_names(name, parts), [records], is_continuous=True)

@@ -262,7 +262,7 @@ def _real_fields(fields: Mapping[str, Any]) -> dict[str, Sampled]:
 def _order(elements: Any, name: str, space: Any, order: int | None) -> int:
     """The requested order, or the highest of the elements of a field's space."""
     if order is None and space is None:
-        raise ElvisError(f"expected an order for {name}, which is no grid function, found none")
+        raise ElvisError(f"expected an order for {name}, which is not a grid function, found none")
     if order is not None:
         return order
     # orders may differ by element (SetOrder), which the order of the space doesn't show

@@ -141,7 +141,7 @@ def _spaces(spaces: str | None, functions: Sequence[Path]) -> list[tuple[Path, l
     """The spaces of each function's file: one, or the factors of a product."""
     found = [part.strip() for part in (spaces or "").split(",") if part.strip()]
     if len(found) != len(functions):
-        expected = f"a space for each of {len(functions)} .gfu files, which don't say theirs"
+        expected = f"a space for each of {len(functions)} .gfu files, which do not state it"
         raise ElvisError(
             f"expected {expected} (--reader spaces=H1:5,L2:4; of elvis convert --spaces), found {len(found)}"
         )

@@ -146,7 +146,7 @@ class PyFR(NodalConverter):
         nodes = require(file, "nodes")
         places = np.asarray(nodes["location"], np.float64)
         if places.ndim != 2 or places.shape[1] not in (2, 3):
-            raise FormatError(f"expected places, found numbers of shape {places.shape}", place="nodes")
+            raise FormatError(f"expected positions, found numbers of shape {places.shape}", place="nodes")
         self.precision = SINGLE if nodes.dtype["location"].base == np.float32 else DOUBLE
         links: dict[str, Ints] = {}
         for kind in sorted(file["eles"]):

@@ -38,7 +38,7 @@ def export_triangles(surface: SurfaceTriangles, path: Path) -> list[str]:
     write_bytes(path, _content(surface, path.suffix))
     said = []
     if surface.values and path.suffix not in _WITH_VALUES:
-        said.append(f"{path.suffix} files hold no quantities: {', '.join(surface.values)} are skipped")
+        said.append(f"{path.suffix} files contain no quantities: {', '.join(surface.values)} are skipped")
     rounding = _ROUNDING * float(np.abs(surface.points).max(initial=0.0))
     if path.suffix in _SINGLE and rounding > surface.distance / 10:
         said.append(f"{path.suffix} files have coordinates of 32 bits, which are rounded by up to {rounding:.1g}")

@@ -164,7 +164,7 @@ def t8code_cells(file: h5py.File) -> Cells:
         raise FormatError(f"expected {number(file, 'nelements'):g} elements, found {len(levels)}", place="levels")
     columns = [ints(file, name, None) for name in ("treeIDs", "faces", "neighIDs", "duals")]
     if len({len(column) for column in columns}) > 1:
-        raise FormatError("expected as many sides as neighbours, found others", place="treeIDs")
+        raise FormatError("expected equally many sides and neighbours, found others", place="treeIDs")
     links = np.column_stack(columns)
     check_rows(links[:, ::2], len(places), "trees", place="treeIDs")
     check_rows(links[:, 1::2], 2 * dimension, "sides", place="faces")

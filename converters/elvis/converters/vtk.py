@@ -249,7 +249,9 @@ class Vtk(NodalConverter):
             widths = {part.arrays(on_points)[name].shape[1] for part in holders if part is not None}
             if len(widths) > 1:
                 found = " and ".join(map(str, sorted(widths)))
-                raise FormatError(f"expected as many components everywhere, found {found}", place=f"array {name}")
+                raise FormatError(
+                    f"expected the same number of components everywhere, found {found}", place=f"array {name}"
+                )
             is_polynomial = not on_points or not any(part is not None and part.is_rational for part in holders)
             labels = component_names(f"{name}_cell" if name in taken else name, widths.pop())
             values = [None if part is None else part.field(name, on_points) for part in holders]

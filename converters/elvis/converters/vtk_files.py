@@ -222,7 +222,7 @@ def _check_counts(path: Path, size: int) -> None:
         end = raw.find(b"<AppendedData")
         for found in _COUNT.finditer(raw, 0, end if end >= 0 else len(raw)):
             if int(found[2]) > unpacked_limit(size):
-                expected = f"at most {unpacked_limit(size)}, as {size} bytes hold"
+                expected = f"at most {unpacked_limit(size)}, from {size} bytes"
                 place = found[1].decode("ascii")
                 raise FormatError(f"expected {expected}, found {int(found[2])}", file=path, place=place)
 

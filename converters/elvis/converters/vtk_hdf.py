@@ -59,7 +59,7 @@ def other_type(path: Path) -> str:
         with reading(path) as file:
             kind = _type(file[_ROOT])
     except FormatError:
-        return "a VTKHDF file that is damaged or whose blocks lie in other files: give those"
+        return "a VTKHDF file that is damaged or whose blocks lie in other files: pass those files"
     return f"a VTKHDF file of the type {kind or 'none'}: save an unstructured grid (.vtkhdf or .vtu)"
 
 
@@ -205,7 +205,9 @@ class _GridReading:
         """The parts of the step."""
         sizes = [_numbers(self.group, name) for name in ("NumberOfPoints", "NumberOfCells", "NumberOfConnectivityIds")]
         if len({len(own) for own in sizes}) > 1 or min(int(own.min(initial=0)) for own in sizes) < 0:
-            raise FormatError("expected as many numbers of points, cells and ids, found others", place=self.group.name)
+            raise FormatError(
+                "expected equally many numbers of points, cells and ids, found others", place=self.group.name
+            )
         first, count = 0, len(sizes[0])
         starts = [0, 0, 0]
         if self.has_steps:

@@ -130,14 +130,16 @@ def _columns(name: str, blocks: Sequence[Any]) -> Any:
     tables = [block[:, None] if block.ndim == 1 else block for block in blocks]
     widths = {table.shape[1] for table in tables}
     if len(widths) != 1 or not min(widths):
-        raise FormatError(f"expected as many components in all blocks, found {sorted(widths)}", place=name)
+        raise FormatError(f"expected the same number of components in all blocks, found {sorted(widths)}", place=name)
     return np.concatenate(tables)
 
 
 def _check_mesh(points: Sequence[Floats], tables: Sequence[Ints]) -> None:
     """Raise FormatError unless blocks of cells have nodes in blocks of points."""
     if not points or len(points) != len(tables) or any(own.ndim != 2 or own.shape[1] != 3 for own in points):
-        raise FormatError(f"expected places of three coordinates in {len(tables)} blocks, found others", place=_POINTS)
+        raise FormatError(
+            f"expected positions of three coordinates in {len(tables)} blocks, found others", place=_POINTS
+        )
     is_sound = all(own.ndim == 2 and own.shape[1] > 1 and (own[:, 0] == own.shape[1] - 1).all() for own in tables)
     if not is_sound or len({own.shape[1] for own in tables}) > 1:
         raise FormatError("expected rows that begin with their number of nodes, found others", place=_CELLS)

@@ -287,7 +287,7 @@ def field_names(dataset: Dataset, wanted: str | None) -> tuple[str, ...]:
     names = known if wanted is None else tuple(name.strip() for name in wanted.split(","))
     for name in names:
         if name not in known:
-            fields = f"the fields are {', '.join(known)}" if known else "the data hold no fields"
+            fields = f"the fields are {', '.join(known)}" if known else "the data contain no fields"
             raise ElvisError(f"there is no field {name!r}{perhaps(name, known)}; {fields}")
     return names
 

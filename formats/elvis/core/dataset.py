@@ -260,7 +260,7 @@ class Dataset:
         if owner in self.shared:
             return self.shared[owner].field(self.others[owner].field(own), name)
         names = list(self)
-        known = f"the fields are {', '.join(names)}" if names else "the data hold no fields"
+        known = f"the fields are {', '.join(names)}" if names else "the data contain no fields"
         raise KeyError(f"there is no field {name!r}{perhaps(str(name), names)}; {known}")
 
     def __getitem__(self, name: str) -> DatasetField | Quantity:

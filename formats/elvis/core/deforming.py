@@ -214,7 +214,7 @@ def _in_one_space(
                 break
         else:
             shape = expansion.shape.label.lower()
-            raise ElvisError(f"expected a displacement that polynomial maps hold, found other functions on a {shape}")
+            raise ElvisError(f"expected a polynomial displacement, found other functions on a {shape}")
 
 
 def _candidates(spaces: Sequence[Expansion]) -> list[Expansion]:

@@ -40,7 +40,7 @@ class Grammar(ABC, Generic[Value]):
         ]
         self._next = self._depth = 0
         if len(self._tokens) > _LONGEST:
-            raise ElvisError(f"expected an expression of at most {_LONGEST} words, found {len(self._tokens)}")
+            raise ElvisError(f"expected an expression of at most {_LONGEST} tokens, found {len(self._tokens)}")
 
     @abstractmethod
     def _number(self, value: float) -> Value:

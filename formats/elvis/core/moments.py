@@ -44,7 +44,7 @@ class Moment:
     def of_one_state(self, dataset: Dataset) -> Dataset:
         """Data that are not a series: a time replaces t; raises ElvisError for a step that does not exist."""
         if self.step not in (None, 0, -1):
-            raise ElvisError(f"expected step 0, as the files hold one state, found {self.step}")
+            raise ElvisError(f"expected step 0, as the files contain one state, found {self.step}")
         return dataset if self.time is None else replace(dataset, time=self.time)
 
 

@@ -281,7 +281,7 @@ class _Reader:
     def _left_out(self, mesh: Mesh) -> tuple[str, ...]:
         """A remark if fields are on elements that the mesh lacks."""
         count = lacking(self._sections, mesh)
-        return (f"fields are on {count} elements that the mesh lacks, which are ignored",) if count else ()
+        return (f"fields are on {count} elements that are not in the mesh; they are ignored",) if count else ()
 
     def on_mesh_of(self, dataset: Dataset) -> tuple[Dataset, int]:
         """All fields that were taken in, on the mesh of a dataset; the number of elements that the mesh lacks."""

@@ -110,7 +110,7 @@ class Arrays(NodalConverter):
         own = [self._values(name, block, given[shape]) for shape, block in zip(shapes, self.blocks, strict=True)]
         counts = {each.values.shape[-1] for each in own}
         if len(counts) != 1:
-            raise ElvisError(f"{name}: expected as many components on every shape, found {sorted(counts)}")
+            raise ElvisError(f"{name}: expected the same number of components on every shape, found {sorted(counts)}")
         self.add_field(name, component_names(name, counts.pop()), own, is_continuous=True)
 
     def _values(self, name: str, block: Elements, values: Any) -> NodalValues:
@@ -135,7 +135,7 @@ def _block(name: str, nodes: Any, reference: Any) -> Elements:
     count = positions.shape[1]
     order = order_of_space(shape, count, _HIGHEST)
     if not order:
-        raise ElvisError(f"{name}: expected as many nodes as a complete polynomial of some order has, found {count}")
+        raise ElvisError(f"{name}: expected the nodes of a complete polynomial, found {count}")
     basis = NodalBasis(shape, order, _nodes(name, shape, order, count, reference))
     return Elements(shape, len(positions), order, key=NodalBlock(NodalValues(positions, basis)))
 

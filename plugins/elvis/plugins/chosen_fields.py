@@ -64,8 +64,8 @@ def orders_that_are_cut(dataset: Dataset) -> list[str]:
     if not cut:
         return []
     return [
-        f"the EXPANSIONS of the mesh file, with NUMMODES={lowest}, don't name {', '.join(cut)}: the solver's own tools "
-        "cut such fields to that order; write a mesh file that names them with -o NAME.xml"
+        f"the EXPANSIONS of the mesh file, with NUMMODES={lowest}, don't name {', '.join(cut)}: the tools of Nektar++ "
+        "truncate such fields to that order; write a mesh file that names them with -o NAME.xml"
     ]
 
 

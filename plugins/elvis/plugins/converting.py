@@ -294,7 +294,7 @@ def _choose_fields(source: Converter, names: tuple[str, ...] | None) -> list[Sou
         ):
             raise ElvisError(f"expected fields of distinct names, found several {field.name!r}")
         if field.name in MAP_FIELDS:
-            raise ElvisError(f"expected no field {field.name!r}, for the coordinates go by that name")
+            raise ElvisError(f"expected no field {field.name!r}, which is the name of a coordinate")
         _check_field(source, field)
     return [field for field in chosen if any(field.is_on(i) and len(b) for i, b in enumerate(source.blocks))]
 

@@ -149,7 +149,7 @@ def _doubts(components: Sequence[Field]) -> Iterator[str]:
     broken = [own.name for own in components if own.continuous is False]
     if broken:
         names = ", ".join(broken)
-        yield f"the displacement may jump between elements ({names}): there they come apart or overlap"
+        yield f"the displacement may jump between elements ({names}): there they separate or overlap"
 
 
 def _fields(dataset: Dataset, texts: Sequence[str]) -> list[Field]:

@@ -166,7 +166,9 @@ def _find(store: Store, key: bytes, paths: Sequence[Path], remarks: list[str]) -
     except OSError:
         return None
     if entry is None:
-        remarks.append(f"a cached conversion in {store.folder} is damaged: it was set aside and repeated")
+        remarks.append(
+            f"a cached conversion in {store.folder} is damaged: it was moved aside, and the conversion repeated"
+        )
         return None
     if entry[0] != key:
         return None

@@ -49,7 +49,7 @@ def at_phase(dataset: Dataset, degrees: float) -> Dataset:
     known = tuple(dataset)
     pairs = {**pairs_in(known), **dataset.complexes}
     if not pairs:
-        fields = f"the fields are {', '.join(known)}" if known else "the data hold no fields"
+        fields = f"the fields are {', '.join(known)}" if known else "the data contain no fields"
         raise ElvisError(f"--phase: expected pairs such as E_re and E_im, or --complex E=REAL,IMAGINARY; {fields}")
     found = dataset
     for name, pair in pairs.items():

@@ -64,7 +64,7 @@ def _folder(path: Path, converters: Sequence[type[Converter]]) -> str:
         return f"a folder that can't be read ({error.strerror})"
     for file in files:
         if any(converter.opens([file]) for converter in converters):
-            return f"a folder: give files of it, such as {file}"
+            return f"a folder: pass files from it, such as {file}"
     return "a folder without pieces of a parallel run and without files of a known format"
 
 

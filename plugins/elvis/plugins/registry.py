@@ -25,7 +25,7 @@ GROUPS = {
     "elvis.exporters": "an export",
     "elvis.volumes": "a runtime plugin",
     "elvis.devices": "a device that draws",
-    "elvis.comparisons": "pictures to compare exact ones with",
+    "elvis.comparisons": "pictures for comparison with exact ones",
 }
 #: what a distribution is called, in its metadata
 _HEADER = re.compile(r"^(Name|Version):[ \t]*(.*?)[ \t]*$", re.MULTILINE)

@@ -109,10 +109,10 @@ def _notes(source: Converter, plan: Topology, fitted: Sequence[FieldFit]) -> lis
     for each in fitted:
         if each.field.is_continuous and not each.is_continuous and source.is_conforming:
             notes.append(
-                f"field {each.field.name} jumps between elements by up to {each.jump:.2g}; the jumps were kept"
+                f"field {each.field.name} jumps between elements by up to {each.jump:.2g}; the jumps were preserved"
             )
     if not source.is_conforming and any(each.field.is_continuous for each in fitted):
-        notes.append("faces meet parts of others: continuous fields were converted element by element")
+        notes.append("faces touch only parts of others: continuous fields were converted element by element")
     return notes
 
 

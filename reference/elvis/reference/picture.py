@@ -131,13 +131,11 @@ def _check(dataset: Dataset, scene: Scene) -> None:
     if Kind.of(dataset) is Kind.LINE:
         raise ElvisError(
             "1D data are drawn on the host from points a quarter of a pixel apart, with any device but the reference, "
-            "which would have no exact reference: leave --device reference out"
+            "which would have no exact reference: omit --device reference"
         )
     faces = bool(scene.every_object) and all(isinstance(shown, Faces) for shown in scene.every_object)
     if mesh.dimension < 2 or (mesh.space != mesh.dimension and not faces):
-        raise ElvisError(
-            f"pictures are made of 2D data in the plane and of 3D data, found DIM={mesh.dimension} SPACE={mesh.space}"
-        )
+        raise ElvisError(f"expected 2D data in the plane or 3D data, found DIM={mesh.dimension} SPACE={mesh.space}")
 
 
 def _patches(dataset: Dataset, field: str) -> list[Patch]:

@@ -32,7 +32,7 @@ def settle_range(source: Source, scene: Scene) -> Scene:
 def _bounds(source: Source, name: str) -> tuple[float, float]:
     found = source.bounds(name)
     if found is None:
-        raise SceneError(f"no bounds of {name!r} over all data are known: use two values for the range, or seen")
+        raise SceneError(f"no bounds of {name!r} over all data are known: use two values for the range, or visible")
     return automatic_range(np.array(found))
 
 

@@ -48,7 +48,7 @@ VALIDATION_SIZE = 300
 #: contours that are compared where the scene draws none
 CONTOURS = 10
 #: why a picture that shows nothing is not scored
-NOTHING_DRAWN = "it draws nothing of this scene, so there is nothing to score"
+NOTHING_DRAWN = "it draws no object of this scene, so there is no score"
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,9 +170,7 @@ def compare_scene(
     meshes           whether all meshes are stored
     """
     if Kind.of(dataset) is Kind.LINE:
-        raise ElvisError(
-            "1D data are drawn as curves: there are no linear pictures to compare with, and nothing to compare"
-        )
+        raise ElvisError("1D data are drawn as curves: there are no linear pictures to compare with")
     draw, scene = draw or drawing_device(), replace(scene, samples=1, outputs=(), stats=None)
     start = perf_counter()
     frame = draw(dataset, scene, device=scene.device)

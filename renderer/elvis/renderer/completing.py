@@ -35,7 +35,7 @@ def default_field(data: Dataset | PluginData) -> str:
     names = names_of(data).fields
     if not names:
         raise SceneError(
-            "the data contain a mesh but no field: also give the field file, or name a quantity, such as --field x"
+            "the data contain a mesh but no field: also pass the field file, or name a quantity, such as --field x"
         )
     return names[0]
 

@@ -256,7 +256,7 @@ def _samples_in(number: int, elements: Ints, reference: Floats, device: Renderer
 def _rule(part: Part, modes: int) -> Cubature:
     """A rule for functions of ``modes`` modes: points (n, 3) in the plugin's own coordinates, and weights."""
     if part.shape is None:
-        raise ElvisError(f"{part.type}: expected a part that says its shape, to integrate over, found none")
+        raise ElvisError(f"{part.type}: expected a part with a shape to integrate over, found none")
     rule = field_cubature(modified(part.shape, (modes,) * part.shape.dimension))
     points = np.zeros((len(rule.points), 3))
     points[:, : part.shape.dimension] = (1 + rule.points) / 2 if part.unit else rule.points

@@ -21,7 +21,7 @@ T = TypeVar("T")
 #: seconds between checks for finished work
 _LOOK = 0.1
 #: advice after a worker was killed
-_KEPT = "finished frames are kept; run the same command to continue"
+_KEPT = "finished frames remain; run the same command to continue"
 #: the animation that a worker draws, by its arguments
 _OPEN: dict[object, Film] = {}
 

@@ -124,7 +124,7 @@ class KernelCache:
                 yield entry
         if damaged:
             self.remarks.append(
-                f"damaged compiled kernels in {store.folder}, set aside and rebuilt when needed: {damaged}"
+                f"damaged compiled kernels in {store.folder}, moved aside and rebuilt when needed: {damaged}"
             )
 
 

@@ -210,7 +210,7 @@ class Stages:
             known = quantity_range(data, Expression.of(data, name)) if data else None
             self._ranges[name] = (known.lower, known.upper) if known else self._of_parts(name)
         if not np.isfinite(self._ranges[name]).all():
-            raise SceneError(f"no bounds of {name!r} over all data are known: use two values for the range, or seen")
+            raise SceneError(f"no bounds of {name!r} over all data are known: use two values for the range, or visible")
         return self._ranges[name]
 
     def _of_parts(self, name: str) -> tuple[float, float]:

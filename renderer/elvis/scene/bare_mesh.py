@@ -29,7 +29,7 @@ def _plain(item: SceneObject) -> SceneObject:
     if isinstance(item, (Isosurface, VolumeRendering)) and item.quantity is None:
         option = item.option.option.split()[0]
         raise SceneError(
-            f"{option}: the data contain a mesh but no field: also give the field file, or name a quantity, such as x"
+            f"{option}: the data contain a mesh but no field: also pass the field file, or name a quantity, such as x"
         )
     if isinstance(item, VolumeRendering) or item.style.color is not None or item.style.quantity is not None:
         return item

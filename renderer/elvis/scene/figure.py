@@ -61,7 +61,7 @@ def settings(scene: Scene) -> AbstractContextManager[Any]:
         from matplotlib import font_manager
     except ImportError as error:
         raise SceneError(
-            "figures with axes, labels, own colour bars or vector graphics need matplotlib: "
+            "figures with axes, labels, separate colour bars or vector graphics need matplotlib: "
             "pip install 'elvis-viz[figures]'"
         ) from error
     own: dict[str, Any] = {"svg.fonttype": "none", "svg.hashsalt": SALT, "pdf.fonttype": 42}

@@ -35,7 +35,7 @@ def check_permitted(table: Table, folder: Path) -> None:
             fault = fault_of(name, SUFFIXES[key], folder)
             if fault:
                 option = settings(Scene)[key].option.split()[0]
-                raise SceneError(f"{place}: expected {fault}, found {name!r}; use {option} for other places")
+                raise SceneError(f"{place}: expected {fault}, found {name!r}; use {option} for other folders")
 
 
 def forbidden(scene: Scene, folder: Path) -> tuple[str, ...]:

@@ -70,7 +70,7 @@ class ColorBar(Model, of="a colour bar"):
         Setting(
             "Half-width of the linear part around zero, for symlog.",
             **POSITIVE,
-            default="a thousandth of the greatest value",
+            default="a thousandth of the maximum magnitude",
         ),
     ] = None
     bands: Annotated[int | None, Setting("Number of discrete colours, each for a band of values.", ge=2, le=256)] = None

@@ -50,7 +50,7 @@ def check_time() -> None:
     """Look at both; SceneError where the limit has passed, ObsoleteError where nobody waits."""
     known = _limit.get()
     if known is not None and perf_counter() > known[0]:
-        raise SceneError(f"the picture was not done after {known[1]:g} s, the time limit: nothing is written")
+        raise SceneError(f"the picture exceeded the time limit of {known[1]:g} s: no file is written")
     is_obsolete = _is_obsolete.get()
     if is_obsolete is not None and is_obsolete():
         raise ObsoleteError("the picture is no longer requested")

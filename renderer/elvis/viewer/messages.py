@@ -223,7 +223,7 @@ def id_of(message: object) -> Id | None:
 
 
 def _refuse(word: str) -> NoReturn:
-    raise ValueError(f"{word} is no number of JSON")
+    raise ValueError(f"{word} is not a number of JSON")
 
 
 def _finite(digits: str) -> float:

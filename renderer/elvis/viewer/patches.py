@@ -36,7 +36,7 @@ def patched(table: Table, changes: Mapping[str, Any]) -> Table:
         try:
             _set(result, steps, value)
         except (IndexError, KeyError, TypeError, AttributeError, ValueError) as error:
-            raise SceneError(f"{key[:80]}: the scene has no such place") from error
+            raise SceneError(f"{key[:80]}: the scene has no such key") from error
     return result
 
 

@@ -95,15 +95,15 @@ def test_tables_list_names(elvis, pipe):
 def test_predefined_quantities_are_listed_with_missing_inputs(nektar, elvis, elvis_json):
     files = nektar / "tet_small" / "smallmesh.xml", nektar / "tet_small" / "smallmesh.fld"
     found = {each["name"]: each for each in elvis_json("info", "--quantities", *files)["quantities"]}
-    assert found["q_criterion"]["lacks"] is None
+    assert found["q_criterion"]["missing"] is None
     assert found["q_criterion"]["source"].startswith("Hunt, Wray and Moin 1988")
-    assert found["y_plus"]["lacks"] is None  # Kinvis is among the metadata
+    assert found["y_plus"]["missing"] is None  # Kinvis is among the metadata
     assert (
-        found["skin_friction"]["lacks"]
+        found["skin_friction"]["missing"]
         == "skin_friction needs u_ref (reference speed): pass --set u_ref=…, or write skin_friction(u_ref=…)"
     )
-    assert "the data lack a density: rho" in found["mach"]["lacks"]
-    assert elvis("info", "--quantities", *files).splitlines()[0].split() == ["quantity", "meaning", "lacks"]
+    assert "the data lack a density: rho" in found["mach"]["missing"]
+    assert elvis("info", "--quantities", *files).splitlines()[0].split() == ["quantity", "meaning", "missing"]
     with pytest.raises(click.UsageError, match="found several"):
         elvis("info", "--quantities", "--strict", *files)
     y_plus = elvis_json("info", "--field", "y_plus", *files)["quantities"]["y_plus"]

@@ -58,7 +58,7 @@ def _tell(found: Average, order: int | None) -> None:
     for name, error in found.errors.items():
         if error.estimate > _ROUNDING:
             holds_any = order is None or name.endswith(_ENDINGS)
-            reason = "no basis holds it" if holds_any else f"degree {order} does not hold it"
+            reason = "no basis represents it" if holds_any else f"degree {order} does not hold it"
             note(f"{name}: {reason}: {_off(error)}")
 
 

@@ -95,7 +95,7 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
 )
 @click.option("--from", "name", metavar="CONVERTER", help="Converter to use.  [default: the one that opens FILES]")
 @click.option("--plugin", type=FILE, metavar="FILE.py", help="Use the converter that this Python file defines.")
-@click.option("--list", "show_list", is_flag=True, help="List the converters: what each needs, keeps and loses.")
+@click.option("--list", "show_list", is_flag=True, help="List the converters: what each needs, preserves and loses.")
 @names_option("Fields to convert, separated by commas.  [default: all]")
 @field_options
 @other_option
@@ -176,7 +176,7 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
 @click.option(
     "--continuous",
     is_flag=True,
-    help="Replace each field, added ones included, by its continuous L2 projection; prints the change.",
+    help="Replace each field, including added ones, by its continuous L2 projection; print the change.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the report as JSON, with all digits of the numbers.")
 @click.option(

@@ -85,7 +85,7 @@ def boundary_layer(dataset: Dataset, curve: str, speed: str) -> Layer:
     """
     along = Curve.parse(dataset, curve)
     if along is None:
-        raise ElvisError(f"expected a curve that leads out of a wall, such as normal:wall:0.5,0.1:0.2, found {curve!r}")
+        raise ElvisError(f"expected a curve that starts at a wall, such as normal:wall:0.5,0.1:0.2, found {curve!r}")
     texts = [f"{name}_thickness({speed})" for name in ("displacement", "momentum")]
     found = integrate(dataset, texts, curve, _ERROR)
     displacement, momentum = (found.of(text).value for text in texts)

@@ -188,5 +188,5 @@ def _normal(dataset: Dataset, name: str, boundary: str, point: Floats, length: f
     away = point - near.place[0]
     size = float(np.linalg.norm(away))
     if not size > 0:
-        raise ElvisError(f"{name}: expected a point off the boundary, to say to which side the normal goes")
+        raise ElvisError(f"{name}: expected a point off the boundary, to determine the direction of the normal")
     return _polyline(name, np.stack([near.place[0], near.place[0] + length / size * away]))

@@ -337,9 +337,7 @@ class ZeroSet:
             raise ElvisError(f"{self.name}: expected 2D or 3D data without Fourier directions, to cut them")
         degree = degree_on(self.expression, evaluator, patch, bool(piece.is_affine.all()))
         if degree is None:
-            raise ElvisError(
-                f"{self.name}: expected a polynomial of fields and coordinates, whose surface can be proved"
-            )
+            raise ElvisError(f"{self.name}: expected a polynomial of fields and coordinates")
         return max(degree, 1)
 
 

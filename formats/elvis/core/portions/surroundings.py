@@ -94,7 +94,7 @@ def _outer(portion: Portion, ids: Ints, ranks: Ranks) -> Ints:
     outer, counts = np.unique(candidates, return_counts=True)
     outer = outer[counts == 1]
     # a part may have two elements at a side where another part has one
-    inner = ranks.exchange(outer[np.isin(outer, numbers[owners > 1])], "sides that are not outer ones")
+    inner = ranks.exchange(outer[np.isin(outer, numbers[owners > 1])], "sides that are not outer sides")
     return np.setdiff1d(outer, np.concatenate(inner))
 
 

@@ -108,7 +108,7 @@ class ElementPoints:
         patch = self.patch
         expansion, coefficients = self._own(field)
         if patch.homogeneous or not patch.is_flat:
-            raise ElvisError("expected second derivatives of 2D fields in the plane or of 3D fields, found other ones")
+            raise ElvisError("expected second derivatives of 2D fields in the plane or of 3D fields, found others")
         bent = hessians_at(expansion, coefficients, self.rows, self.points)
         inverse = self.duals[:, :, : patch.shape.dimension]
         with np.errstate(invalid="ignore"):

@@ -125,4 +125,4 @@ def column_expressions(texts: Sequence[str], names: Names, taken: Sequence[str])
 
 def taken_name(field: str) -> str:
     """A message about a field whose name is also a standard column of tables."""
-    return f"the field {field!r} has the name of a column; an expression such as 1*{field} has not"
+    return f"the field {field!r} has the name of a column; write an expression such as 1*{field} has not"

@@ -136,7 +136,7 @@ class Flow:
             assert entry is not None
             text = self._suitable(name)[0]
             facts = {"name": name, "formula": text, "meaning": entry.meaning, "source": entry.source or None}
-            found.append({**facts, "lacks": self._sentence(name, lack) if lack else None})
+            found.append({**facts, "missing": self._sentence(name, lack) if lack else None})
         return found
 
     def node(self, name: str, given: Mapping[str, Node]) -> Node:
@@ -152,7 +152,7 @@ class Flow:
             raise ElvisError(f"{name} needs {self._dimensions_text(name)}, and the data have {self.dimension}")
         lack = flow._missing(name)
         if lack:
-            fields = f"the fields are {', '.join(self.fields)}" if self.fields else "the data hold no fields"
+            fields = f"the fields are {', '.join(self.fields)}" if self.fields else "the data contain no fields"
             raise ElvisError(flow._sentence(name, lack) + (f"; {fields}" if lack.fields else ""))
         return flow.meaning(name)
 
@@ -163,7 +163,7 @@ class Flow:
         """
         symbols = "uvw"[: self.dimension]
         if any(self._missing(symbol) for symbol in symbols):
-            fields = f"the fields are {', '.join(self.fields)}" if self.fields else "the data hold no fields"
+            fields = f"the fields are {', '.join(self.fields)}" if self.fields else "the data contain no fields"
             raise ElvisError(f"the data lack {_VELOCITY[1]}; {fields}")
         return tuple(self.meaning(symbol) for symbol in symbols)
 

@@ -27,7 +27,7 @@ CONSTANTS = {"pi": math.pi, "e": math.e}
 #: attributes of elements (see `attributes`), defined in every dataset, with their meaning
 ATTRIBUTES: Mapping[str, str] = {
     "element": "id of the element in the file",
-    "composite": "id of the composite or region that holds the element, the first of several",
+    "composite": "id of the first composite or region that contains the element",
     "order": "highest degree of a field on the element",
     "h": "size of the element: the root of its area, the cube root of its volume",
     "shape": "0 segment, 1 triangle, 2 quadrilateral, 3 tetrahedron, 4 pyramid, 5 prism, 6 hexahedron",
@@ -179,7 +179,7 @@ class Names:
 
     def attributes(self) -> list[dict[str, str | None]]:
         """Rows of the quantities of elements whose names no field has, in the form of `Flow.catalogue`."""
-        rest = {"formula": None, "source": None, "lacks": None}
+        rest = {"formula": None, "source": None, "missing": None}
         own = ((name, meaning) for name, meaning in ATTRIBUTES.items() if name not in self.fields)
         return [{"name": name, "meaning": meaning, **rest} for name, meaning in own]
 
@@ -197,7 +197,7 @@ class Names:
     @property
     def _in_words(self) -> str:
         """All names as text, without predefined quantities, which are many."""
-        known = f"the fields are {', '.join(self.fields)}" if self.fields else "the data hold no fields"
+        known = f"the fields are {', '.join(self.fields)}" if self.fields else "the data contain no fields"
         others = (
             *AXES,
             *(("t",) if self.time is not None else ()),

@@ -175,7 +175,7 @@ def _advice(own: ElementResolution, share: float, centres: _Centres) -> str:
     decay = _median(own.decay[main])
     where = f"in {int(main.sum())} of {len(own)} elements, which hold {_MAIN_SHARE:.0%} of the squared error"
     if decay is None:
-        return f"{told}refine h or raise p {where}; orders below 2 have no decay rate that would tell which"
+        return f"{told}refine h or raise p {where}; orders below 2 have no decay rate to decide between them"
     what = "raise p" if decay >= _FAST else "refine h"
     return f"{told}{what}{_direction(own, main, centres)} {where} and have a median decay rate of {decay:.2g}"
 

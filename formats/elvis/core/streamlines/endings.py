@@ -32,10 +32,10 @@ WORDS = {
     End.SPEED: ("speed", "fell below the requested speed"),
     End.STEPS: ("steps", "reached the maximum number of steps"),
     End.STAGNATION: ("stagnation", "came to rest"),
-    End.JUMP: ("jump", "met a jump of the velocity that sends it back"),
+    End.JUMP: ("jump", "reached a jump of the velocity that points back"),
     End.OUTSIDE: ("outside", "begin outside the mesh"),
-    End.NAN: ("nan", "met a velocity that is not a number"),
-    End.INVERTED: ("inverted", "met an inverted element"),
+    End.NAN: ("nan", "reached a velocity that is not a number"),
+    End.INVERTED: ("inverted", "reached an inverted element"),
     End.FAILED: ("failed", "could not be followed to the tolerance"),
 }
 

@@ -87,7 +87,7 @@ class MovingVelocity(Velocity):
         if not all(_is_alike(self.patches, other) for other in own[1:]):
             times = f"{interval.times[0]:.10g} to {interval.times[-1]:.10g}"
             raise ElvisError(
-                f"expected fields in the same bases in steps at times {times}, found others: no path goes on"
+                f"expected fields in the same bases in steps at times {times}, found others: no path continues"
             )
         self._steps = tuple(zip(*own, strict=True))
 

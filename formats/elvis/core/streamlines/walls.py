@@ -51,7 +51,7 @@ def shear_expressions(dataset: Dataset, texts: Sequence[str] | None) -> list[Exp
 def check_walls(dataset: Dataset, wall: str) -> None:
     """Raise ElvisError for data that have no walls of faces."""
     if dataset.mesh.dimension != 3:
-        raise ElvisError(f"lines on the wall {wall}: expected 3D data, whose walls have faces")
+        raise ElvisError(f"lines on the wall {wall}: expected 3D data")
 
 
 def wall_pieces(dataset: Dataset, patches: Sequence[Patch], wall: str, ranks: Ranks = ALONE) -> list[Piece]:

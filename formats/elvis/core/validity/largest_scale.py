@@ -88,7 +88,7 @@ def largest_scale(maps: Iterable[MovingMaps], space: int) -> LargestScale:
     """
     every = list(maps)
     if any(own.expansion.shape.dimension != space for own in every):
-        raise ElvisError("expected elements of the dimension of space, found others, whose Jacobian has no sign")
+        raise ElvisError("expected elements of the dimension of space, found others")
     pieces = [piece for own in every for piece in _pieces(own, space)]
     return _Search(pieces).result()
 

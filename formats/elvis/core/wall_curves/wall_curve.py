@@ -268,7 +268,7 @@ def _check(found: Section, name: str, boundary: str) -> None:
         place = ", ".join(f"{x:.3g}" for x in found.touching[0])
         raise ElvisError(f"{name}: the plane touches a side of {boundary} near ({place}); move it a little")
     if not len(found.straight.row) and not any(len(own.row) for own in found.graphs):
-        raise ElvisError(f"{name}: the plane does not meet {boundary}")
+        raise ElvisError(f"{name}: the plane does not intersect {boundary}")
 
 
 def _edges(pieces: Sequence[Piece]) -> Straight:

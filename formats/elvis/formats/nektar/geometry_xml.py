@@ -262,7 +262,7 @@ class _CompressedCodec:
         with format_errors_at(parts["POINTS"]):
             _, points = self.read_vertices(parts["POINTS"])
         if len(index) and not 0 <= index.min() <= index.max() < len(points):
-            raise parts["INDEX"].error(f"expected places in {len(points)} points, found one beyond them")
+            raise parts["INDEX"].error(f"expected indices of {len(points)} points, found a larger one")
         edges = _record_curves(children.get("E"), index, points)
         return edges, _record_curves(children.get("F"), index, points)
 
@@ -311,7 +311,7 @@ def owned(counts: Ints, offsets: Ints, available: int) -> Ints | slice:
     Raises FormatError if they aren't among those available.
     """
     if np.any((counts < 0) | (counts > available) | (offsets < 0) | (offsets > available - counts)):
-        raise FormatError(f"expected curves of at most {available} points, found one beyond them")
+        raise FormatError(f"expected curves of at most {available} points, found a longer one")
     total = int(counts.sum())
     if total > 16 * (available + 1):
         raise FormatError(f"expected curves of {available} points in all, found {total}")

@@ -194,7 +194,7 @@ def _dataset(parent: h5py.Group, name: str) -> h5py.Dataset | None:
         if found.is_virtual or found.external:
             raise FormatError("expected data in the file itself, found references to others", place=place)
         if found.shape is None:
-            raise FormatError("expected numbers or strings, found nothing", place=place)
+            raise FormatError("expected numbers or strings, found none", place=place)
         check_stored(found, place)
     return found
 

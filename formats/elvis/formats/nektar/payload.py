@@ -59,7 +59,7 @@ def numbers_exactly(text: memoryview, items: int, first: int | None = None) -> I
 def check_possible(text: memoryview, items: int) -> None:
     """Raise FormatError if the payload is too short for this number of items."""
     if 8 * items > possible_bytes(text):
-        raise FormatError(f"expected {items} numbers, found {len(text)} characters, too few to hold them")
+        raise FormatError(f"expected {items} numbers, found {len(text)} characters, which are too few")
 
 
 def _exactly(text: memoryview, items: int, first: int | None) -> Iterator[bytes]:

@@ -59,7 +59,7 @@ class Space:
         repeats = len(self.names) * (elements if len(counts) == 1 else 1)
         roughly = repeats * float(counts.sum(dtype=np.float64))
         if roughly > _MOST_COEFFICIENTS:
-            raise FormatError(f"expected coefficients that a file can hold, found {roughly:.3g} declared")
+            raise FormatError(f"expected coefficients within the limits of a file, found {roughly:.3g} declared")
         return repeats * int(counts.sum())
 
     def _counts_of_orders(self) -> Ints:

@@ -154,7 +154,9 @@ def _own_controls(
     off = np.abs(controls[numbers] - table).max(axis=1, initial=0.0)
     if (off > _EQUAL * np.abs(table).max(initial=1.0)).any():
         where = int(off.argmax())
-        raise sections.error(names[0], f"expected equal control points where patches meet, found {table[where]}")
+        raise sections.error(
+            names[0], f"expected equal control points on shared sides of patches, found {table[where]}"
+        )
     weights = controls[:, 3]
     with np.errstate(divide="ignore", invalid="ignore"):
         points = controls[:, :3] if names[0].endswith("cartesian") else controls[:, :3] / weights[:, None]
@@ -176,7 +178,7 @@ def _function(sections: Sections) -> GridFunction:
         table = values.reshape(shape) if ordering else values.reshape(shape).T
         return GridFunction(words["FiniteElementCollection"], table)
     except (KeyError, ValueError) as error:
-        wanted = "FiniteElementCollection, VDim, Ordering and as many values as these say"
+        wanted = "FiniteElementCollection, VDim, Ordering and the matching number of values"
         raise sections.error(FUNCTION, f"expected {wanted}, found others ({error})") from error
 
 

@@ -206,7 +206,7 @@ class Series(Sequence[Dataset]):
             words = f"time {time:.10g}: step {nearest}, time {self.times[nearest]:.10g}, is the nearest"
             return self._at_step(nearest, [*notes, words], between, "nearest")
         notes += [
-            f"step {number} holds values that are not finite, and so do the interpolated values next to it"
+            f"step {number} contains values that are not finite, and so do the interpolated values next to it"
             for number in numbers
             if number in self._infinite
         ]
@@ -392,7 +392,7 @@ class Series(Sequence[Dataset]):
 
     def _told_infinite(self, number: int, dataset: Dataset) -> Dataset:
         """A dataset whose remarks, like the faults of the series, report that not all of its values are finite."""
-        sentence = f"step {number}, {self.steps[number].name}, holds values that are not finite"
+        sentence = f"step {number}, {self.steps[number].name}, contains values that are not finite"
         if number not in self._infinite:
             self._infinite.add(number)
             self.faults.append(sentence)
@@ -428,7 +428,7 @@ class Series(Sequence[Dataset]):
             words = f"{lacking} elements that the mesh lacks, which other steps don't have"
             raise FormatError(f"expected fields on the mesh of the series, found {words}", file=step.files[0])
         self._lacking = lacking
-        words = f"{step.name}: its fields are on {lacking} elements that the mesh lacks, which are ignored"
+        words = f"{step.name}: its fields are on {lacking} elements that are not in the mesh; they are ignored"
         return replace(dataset, remarks=(*dataset.remarks, words)) if lacking else dataset
 
     def _lacking_of_another(self, step: Step) -> int:

@@ -59,7 +59,7 @@ def _check_opens(converter: type[Converter], paths: Sequence[Path]) -> None:
     with TemporaryDirectory() as folder:
         other = Path(folder) / "other.txt"
         other.write_text("neither a mesh nor a solution\n")
-        assert not converter.opens([other]), f"{converter.__name__} opens a file with nothing in it"
+        assert not converter.opens([other]), f"{converter.__name__} opens an empty file"
 
 
 def _points(block: Elements) -> Floats:

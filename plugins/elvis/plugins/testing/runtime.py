@@ -89,7 +89,7 @@ def _check_round_trip(
     axes = np.arange(3) < dimension
     found = service.probe(np.where(axes, positions, 0.0))
     lost = np.flatnonzero(found.element < 0)
-    assert not len(lost), f"{part.type}: expected to find a point of element {elements[lost[0]]}, found it nowhere"
+    assert not len(lost), f"{part.type}: expected to find a point of element {elements[lost[0]]}, found none"
     own = found.element == part.element_ids[elements]
     error = np.abs(found.reference - reference)[own][:, axes].max(initial=0.0)
     assert error <= 1e-8, f"{part.type}: expected the inverse map to lead back, found it off by {error:.3g}"
@@ -130,7 +130,7 @@ def _check_faces(volume: Volume, faces: Faces, service: EvaluationService) -> No
     pairs = np.flatnonzero(np.diff(entity[order]) == 0)
     apart = np.abs(middles[order[pairs]] - middles[order[pairs + 1]]).max(axis=1, initial=0.0)
     worst = float(apart.max(initial=0.0))
-    assert worst <= _OFF * size, f"expected both sides of a face at one place, found some {worst:.3g} apart"
+    assert worst <= _OFF * size, f"expected coincident sides of a face, found distances of {worst:.3g} apart"
 
 
 def _check_face_block(

@@ -97,7 +97,7 @@ def estimate(patches: Sequence[Patch], level: int, quantities: int = 1) -> tuple
 def _cut(patch: Patch, level: int, quantities: Mapping[str, Corners]) -> LinearMesh:
     """The elements of one patch."""
     if patch.shape.dimension < 2:
-        raise ElvisError("linear meshes are made of elements of two and three dimensions, found elements of one")
+        raise ElvisError("expected elements of two or three dimensions for a linear mesh, found elements of one")
     check_time()
     cut, rows = cells_of(patch, level), np.arange(len(patch))
     world = map_lattice(patch, rows, cut.points)

@@ -25,7 +25,7 @@ def save_mesh(mesh: LinearMesh, path: Path) -> None:
     if kinds is None:
         raise ElvisError(f"{path}: expected a name that ends in .{', .'.join(FORMATS)}, found {path.suffix or 'none'}")
     if mesh.simplices.shape[1] not in kinds:
-        raise ElvisError(f"{path}: expected a surface, found tetrahedra, which .vtu files hold")
+        raise ElvisError(f"{path}: expected a surface, found tetrahedra, which need a .vtu file")
     with replacing(path) as temporary:
         (_save_vtu if path.suffix.lower() == ".vtu" else _save_surface)(mesh, temporary)
 

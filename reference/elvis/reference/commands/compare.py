@@ -183,7 +183,7 @@ def _made_by(crew: Workers, tasks: list[Task]) -> list[Made]:
 
     crew.prepare("elvis.reference.commands.compare")
     with crew.client() as client:
-        return results(client, begun(client, made, ((task,) for task in tasks)), "finished reports are kept")
+        return results(client, begun(client, made, ((task,) for task in tasks)), "finished reports remain")
 
 
 def made(task: Task) -> Made:
@@ -234,7 +234,7 @@ def _of_scene(data: tuple[Path, ...], options: dict[str, Any], output: Path | No
     if not scene.data:
         raise SceneError("the scene names no data; also give the mesh and field files")
     if scene.plugin is not None:
-        raise SceneError("linear meshes are made of the native format only: leave the plugin out")
+        raise SceneError("linear meshes need data of the native format: omit the plugin")
     if output is not None:
         scene_text(scene, output / "scene.toml")
     if scene.range == "series":

@@ -57,7 +57,7 @@ def _exactness(study: Study) -> str:
     if not failed:
         doubt = study.validation.ambiguous
         aside = f" but for {count_of(doubt, 'ambiguous pixel')}" if doubt else ""
-        return f"Exact: all {width * height:,} pixels keep every tolerance{aside}."
+        return f"Exact: all {width * height:,} pixels are within every tolerance{aside}."
     return "Not exact: " + "; ".join(map(failure, failed)) + "."
 
 

@@ -19,9 +19,9 @@ from elvis.reference.report.writing import json_text, plain, put, report_folder
 _MEANING = (
     "L1, L2 and H1 are integrals over the part of the first data that the reference covers: of the magnitude of the "
     "difference, the root of that of its square, and the same with the square of its gradient added.",
-    "Linf is the greatest magnitude of the difference that was found; nowhere is it greater than the proved bound, "
-    "where one is given.",
-    "Relative is L2 in parts of the L2 norm of the reference.",
+    "Linf is the largest magnitude of the difference that was found. The difference never exceeds the proved bound, "
+    "if there is one.",
+    "Relative is L2 divided by the L2 norm of the reference.",
     "Covered is the part of the volume (area, length) of the first data where the reference has elements.",
     "The order is log(e1/e2) / log(h1/h2) of two data in turn, with h the mean size of an element.",
 )
@@ -115,7 +115,7 @@ def _tables(found: Family) -> list[dict[str, Any]]:
     for name, own in zip(found.names, found.members, strict=True):
         tables.append(_table(f"Norms of the difference: {name}", HEADERS, own.cells()))
         rows = [(row.field, *(f"{error:.2g}" for error in (row.l1_error, row.l2_error, row.h1_error))) for row in own]
-        tables.append(_table("By how much these norms may be off", ("field", "L1", "L2", "H1"), rows))
+        tables.append(_table("Error bound of these norms", ("field", "L1", "L2", "H1"), rows))
     return tables
 
 

@@ -21,14 +21,13 @@ Files = dict[str, Any]
 MEANING = (
     "Errors are measured at every pixel that both pictures show, relative to the colour range.",
     "A colour step is 1/256 of it.",
-    "A pixel counts as off if its value is wrong by more than a step, or if it shows nothing although there is "
-    "something.",
-    "A contour's displacement is the greatest distance between the contours of two pictures, in pixels, in either "
+    "A pixel counts as wrong if its value is off by more than a step, or if it is empty although there is an object.",
+    "A contour's displacement is the maximum distance between the contours of two pictures, in pixels, in either "
     "direction (Hausdorff).",
-    "A linear picture is called right where no contour is off by more than a pixel or lost, and at most 0.1 % of the "
-    "pixels are off, or spurious.",
-    "Refinement n cuts every edge of every element into 2 to the power n parts; corners have the exact place and "
-    "value, between them both are linear.",
+    "A linear picture is called right if no contour is lost or off by more than a pixel, and at most 0.1 % of the "
+    "pixels are wrong or spurious.",
+    "Refinement n cuts every edge of every element into 2 to the power n parts; corners have the exact position and "
+    "value; between them both are linear.",
 )
 
 
@@ -124,7 +123,7 @@ def _value_maps(study: Study, files: Files) -> dict[str, Any]:
         )
         pictures.append({"file": name, "name": rival.name, "words": words})
     words = "How far the value at each pixel is off, in steps of the colour map (1/256 of the range)."
-    return {"title": "Where values are wrong", "words": words, "legend": legend, "pictures": pictures}
+    return {"title": "Wrong values", "words": words, "legend": legend, "pictures": pictures}
 
 
 def _position_maps(study: Study, files: Files) -> dict[str, Any]:
@@ -141,7 +140,7 @@ def _position_maps(study: Study, files: Files) -> dict[str, Any]:
         files[name], legend = drawn.position_map(study.exact, rival.record, pixel)
         pictures.append({"file": name, "name": rival.name, "words": f"up to {some(rival.errors.pixel_max)} pixels"})
     words = "Distance of the point that a pixel shows from the exact one, in pixels."
-    return {"title": "Where surfaces are misplaced", "words": words, "legend": legend, "pictures": pictures}
+    return {"title": "Misplaced surfaces", "words": words, "legend": legend, "pictures": pictures}
 
 
 def _distance_maps(study: Study, files: Files) -> dict[str, Any]:
@@ -155,8 +154,8 @@ def _distance_maps(study: Study, files: Files) -> dict[str, Any]:
         files[name], legend = drawn.distance_map(rival.apart, _pixel(rival))
         words = f"up to {some(float(np.nanmax(rival.apart, initial=0.0)))} units of the data"
         pictures.append({"file": name, "name": rival.name, "words": words})
-    words = "The distance of each point that is seen from the linear surfaces, wherever these are nearest, in pixels."
-    return {"title": "How far surfaces are apart", "words": words, "legend": legend, "pictures": pictures}
+    words = "The distance in pixels of each visible point from the nearest point of the linear surfaces."
+    return {"title": "Distances between surfaces", "words": words, "legend": legend, "pictures": pictures}
 
 
 def _pixel(rival: Rival) -> float:
@@ -176,7 +175,7 @@ def _contour_maps(study: Study, files: Files) -> dict[str, Any]:
         lost = f", {rival.errors.lost} lost or invented" if rival.errors.lost else ""
         pictures.append({"file": name, "name": rival.name, "words": words + lost})
     words = "The exact contours in black, those of the other picture in red."
-    return {"title": "Where contours are displaced", "words": words, "legend": [], "pictures": pictures}
+    return {"title": "Displaced contours", "words": words, "legend": [], "pictures": pictures}
 
 
 def _worst(study: Study, files: Files) -> dict[str, Any]:

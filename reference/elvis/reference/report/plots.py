@@ -24,7 +24,7 @@ _STYLE = {
 }
 #: the curves: label, number of a rival, colour, marker
 _CURVES: tuple[tuple[str, Callable[[Rival], float | None], str, str], ...] = (
-    ("greatest error, % of the range", lambda own: _part(own, "value_max"), "#bd0026", "o"),
+    ("maximum error, % of the range", lambda own: _part(own, "value_max"), "#bd0026", "o"),
     ("mean error, % of the range", lambda own: _part(own, "value_mean"), "#fd8d3c", "s"),
     ("pixels off by a colour step, %", lambda own: own.errors.off if own.errors else None, "#253494", "^"),
     ("contours off by, pixels", lambda own: own.errors.contour_max if own.errors else None, "#238b45", "D"),

@@ -98,7 +98,7 @@ def _table(title: str, heads: Sequence[str], rows: Sequence[Sequence[str]], word
 def _errors(study: Study) -> Table:
     heads = [
         "picture",
-        "greatest error, % of range",
+        "maximum error, % of range",
         "mean, % of range",
         "pixels off, %",
         "missing pixels",
@@ -155,7 +155,7 @@ def _costs(study: Study) -> Table:
         rows.insert(0, ["exact", "", "", size(study.stored), "", "drawn"])
     heads = ["picture", "simplices", "points", "memory of the mesh", "memory while it is made and drawn", ""]
     words = "The exact picture is drawn from the coefficients of the data themselves."
-    return _table("What the pictures cost", heads, rows, words, (5,))
+    return _table("Cost of the pictures", heads, rows, words, (5,))
 
 
 def _cost(rival: Rival) -> list[str]:
@@ -189,7 +189,7 @@ def _surfaces(study: Study) -> Table:
             components, handles = (f"{first} / {other}" for first, other in (own.components, own.handles))
             rows.append([name, rival.name, some(own.hausdorff), some(own.chamfer), components, handles])
     heads = ["isosurface", "picture", "Hausdorff distance", "Chamfer distance", "components, exact / other", "handles"]
-    words = "Distances between the exact isosurface and the linear one in units of the data; what both are made of."
+    words = "Distances between the exact isosurface and the linear one in units of the data, and their sizes."
     return _table("Isosurfaces", heads, sorted(rows, key=lambda row: row[0]), words)
 
 

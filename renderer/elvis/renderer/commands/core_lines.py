@@ -59,7 +59,7 @@ def check_seeds(limits: Mapping[str, Any], seeds: object) -> None:
     """UsageError where settings of cores are given without --cores, or neither seeds nor --cores."""
     for name, value in limits.items():
         if value not in (None, False):
-            raise click.UsageError(f"--{name.replace('_', '-')}: expected --cores, whose lines it selects")
+            raise click.UsageError(f"--{name.replace('_', '-')}: expected --cores")
     if not seeds:
         raise click.UsageError("expected --seeds, where lines begin, or --cores")
 

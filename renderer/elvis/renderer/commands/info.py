@@ -58,7 +58,7 @@ _OF_THE_WHOLE = ("resolution", "quality", "waves")
 @click.command("info", epilog=EPILOG, short_help="Describe a dataset: shapes, orders, fields, ranges, validity.")
 @field_option
 @json_option
-@click.option("--all", "everything", is_flag=True, help="Print tables in full, whatever their length.")
+@click.option("--all", "everything", is_flag=True, help="Print long tables in full.")
 @click.option(
     "--strict",
     is_flag=True,
@@ -69,7 +69,7 @@ _OF_THE_WHOLE = ("resolution", "quality", "waves")
     "--quantities",
     "predefined",
     is_flag=True,
-    help="List the predefined quantities, and what each lacks in these data.",
+    help="List the predefined quantities, and what is missing for each in these data.",
 )
 @click.option("--extrema", is_flag=True, help="Find certified minima and maxima of quantities, with positions.")
 @top_modes_option
@@ -267,8 +267,8 @@ def _list(quantities: Sequence[Facts], as_json: bool) -> None:
     if as_json:
         print_json({"quantities": quantities})
         return
-    rows = [(each["name"], each["meaning"], each["lacks"] or "-") for each in quantities]
-    print_table(("quantity", "meaning", "lacks"), rows)
+    rows = [(each["name"], each["meaning"], each["missing"] or "-") for each in quantities]
+    print_table(("quantity", "meaning", "missing"), rows)
 
 
 def _tell(facts: Facts, as_json: bool, tables: Callable[[], None]) -> None:
@@ -299,10 +299,10 @@ def _check(data: tuple[Path, ...], ranks: Ranks, as_json: bool) -> None:
         _print_findings("required by programs of the format:", required)
         _print_findings("recommended, but not required by programs of the format:", advised)
         if not found:
-            say("all rules are met")
+            say("all rules are satisfied")
     if required:
         count = f"{len(required)} broken"
-        raise ElvisError(f"expected files that meet all required rules, found {count}")
+        raise ElvisError(f"expected files that follow all required rules, found {count}")
 
 
 def _print_findings(title: str, found: Sequence[Finding]) -> None:

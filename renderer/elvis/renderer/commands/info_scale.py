@@ -59,5 +59,5 @@ def _sentences(found: LargestScale) -> list[str]:
         return [f"{valid}; larger scales were not considered"]
     before, after = (", ".join(f"{x:.9g}" for x in place) for place in (found.before, found.after))
     where = f"element {found.element} folds at scale {found.folded:.9g}, at {before}, which is moved to {after}"
-    certain = [] if found.is_certified else ["the two scales differ by more than 1e-6: nothing closer is proved"]
+    certain = [] if found.is_certified else ["the two scales differ by more than 1e-6: no closer bounds are proved"]
     return [valid, f"{where}; {_STATES[found.state]}", *certain]

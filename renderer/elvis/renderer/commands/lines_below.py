@@ -47,7 +47,9 @@ class LinesBelow:
         if not len(known):
             return f"{self.label}: no line has an end"
         moved = f"ends move by up to {known.max():.4g}, by {np.median(known):.4g} in the median"
-        return f"{self.label}: {moved}; {int(self._ends_differ(whole).sum())} of {len(whole)} lines end in another way"
+        return (
+            f"{self.label}: {moved}; {int(self._ends_differ(whole).sum())} of {len(whole)} lines end for other reasons"
+        )
 
     def _ends_differ(self, whole: TracedLines) -> Bools:
         """(n,) whether the two lines of a pair end for different reasons."""

@@ -166,7 +166,7 @@ def _in_time(
     from elvis.plugins.series.paths import ORDERS, pathlines, streaklines
 
     if followed.wall is not None:
-        raise ElvisError(f"--wall: expected streamlines, found {kind}, which don't lie on walls")
+        raise ElvisError(f"--wall: expected streamlines, found {kind}, which are not on walls")
     own: dict[str, Any] = {"velocity": velocity, "between": data.between, "fields": fields, "random": followed.random}
     own |= {name: getattr(followed, name) for name in ("duration", "tolerance")}
     series = data.whole_series((*(velocity or ()), *fields) if velocity else ())

@@ -92,7 +92,7 @@ def watch(
         if pictures is not None:
             pictures.close()
     if not is_drawn:
-        raise ElvisError(f"nothing was drawn in {idle:g} s: {following.waiting or fault or 'no step was complete'}")
+        raise ElvisError(f"no step was drawn in {idle:g} s: {following.waiting or fault or 'no step was complete'}")
 
 
 def _check(scene: Scene, overwrite: bool) -> None:

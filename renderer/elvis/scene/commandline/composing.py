@@ -82,7 +82,7 @@ def panels(scene: Scene) -> tuple[Scene, ...]:
     listed = tuple(replace(read_scene(file, OVERRIDDEN), **given) for file in scene.scenes)
     rows, columns = scene.panels or (1, len(listed))
     if rows * columns < len(listed):
-        raise SceneError(f"panels: expected places for {len(listed)} scenes, found {rows} x {columns}")
+        raise SceneError(f"panels: expected room for {len(listed)} scenes, found {rows} x {columns}")
     return listed or (scene,)
 
 
@@ -145,5 +145,5 @@ def with_settings(scene: Scene, settings: tuple[tuple[str, str], ...], option: s
                 place = place[step] if isinstance(step, int) else place.setdefault(step, {})
             place[last] = toml_value(text)
         except (IndexError, TypeError, KeyError, AttributeError) as error:
-            raise SceneError(f"{option} {key}: the scene has no such place") from error
+            raise SceneError(f"{option} {key}: the scene has no such key") from error
     return scene_of(table)

@@ -60,9 +60,9 @@ INSTEAD: Mapping[str, str] = {
     "parallel_scale": "zoom enlarges the middle; a camera in a scene has a height",
     "anti_aliasing": "samples averages N x N samples per pixel",
     "warp": "the geometry is drawn as the data have it",
-    "subdivide": "pixels are exact; there is nothing to refine",
-    "nonlinear_subdivision": "pixels are exact; there is nothing to refine",
-    "refinement": "pixels are exact; there is nothing to refine",
+    "subdivide": "pixels are exact without refinement",
+    "nonlinear_subdivision": "pixels are exact without refinement",
+    "refinement": "pixels are exact without refinement",
     "n_points": "streamlines=100 places seeds at random",
     "off_screen": "pictures are always drawn without a window; view opens one",
 }

@@ -222,7 +222,7 @@ def background(text: str) -> tuple[float, ...]:
 def color(text: str) -> scene.Vector:
     """The same without opacity, which --opacity says."""
     found = background(text)
-    check(len(found) == 3 or found[3] == 1.0, "a colour", "one without opacity, which --opacity says", repr(text))
+    check(len(found) == 3 or found[3] == 1.0, "a colour", "one without opacity; use --opacity", repr(text))
     return found[0], found[1], found[2]
 
 

@@ -34,7 +34,7 @@ PICTURE = "picture.png"
 def command_of(scene: Scene) -> str:
     """The ``elvis render`` command of a scene whose data are files; SceneError where they aren't."""
     if not scene.data:
-        raise SceneError("the data come from Python, so no command can name them; copy the Python lines instead")
+        raise SceneError("the data come from Python; copy the Python lines instead of the command")
     # a leading minus sign would mark an option
     data = [os.path.join(".", name) if name.startswith("-") else name for name in scene.data]
     return shlex.join(["elvis", "render", *data, *option_words(scene), "-o", PICTURE])
