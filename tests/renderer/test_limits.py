@@ -76,10 +76,10 @@ def test_large_pictures_store_only_colours(renderer, cube, monkeypatch):
 
 
 def test_time_limits(draw, cube):
-    with pytest.raises(SceneError, match="exceeded the time limit of 1e-06 s: no file is written"):
+    with pytest.raises(SceneError, match=r"exceeded the time limit of 1e-06 s: no file is written"):
         draw(cube, objects=(Faces(),), camera=NEAR, size=(40, 30), timeout=1e-6)
     assert draw(cube, objects=(Faces(),), camera=NEAR, size=(40, 30), timeout=1e3).seen.any()
-    with pytest.raises(SceneError, match="exceeded the time limit of .*: no file is written"):
+    with pytest.raises(SceneError, match=r"exceeded the time limit of .*: no file is written"):
         draw(cube, plane=PLANE, size=(40, 30), timeout=1e-6)
     with pytest.raises(SceneError, match="timeout: expected seconds above 0, found 0"):
         Scene("u", timeout=0.0)

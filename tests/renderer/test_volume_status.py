@@ -111,7 +111,7 @@ def test_the_time_limit_ends_a_march(draw, monkeypatch):
     bands = []
     monkeypatch.setattr(_March, "band", lambda *some: bands.append(some))
     data = rising(grid(Shape.TETRAHEDRON, 2))
-    with pytest.raises(SceneError, match="exceeded the time limit of .*: no file is written"):
+    with pytest.raises(SceneError, match=r"exceeded the time limit of .*: no file is written"):
         draw(data, camera=CAMERA, size=SIZE, objects=(VOLUME,), timeout=1e-9)
     assert not bands
 
