@@ -154,7 +154,7 @@ def test_payloads_that_expand_without_bound(copied, refused):
 FIELD_CHANGES = [
     ([('ID="1655-1658"', 'ID="1655-1657"')], "expected 75 numbers, found more"),
     ([('ID="1655-1658"', 'ID="1655-1659"')], "expected 125 numbers, found 100"),
-    ([('ID="1655-1658"', 'ID="0-99999999999"')], "expected 2500000000000 numbers, found .* characters, which are too few"),
+    ([('ID="1655-1658"', 'ID="0-99999999999"')], "expected 2500000000000 numbers, found .* characters, which"),
     (
         [('ID="1655-1658"', 'ID="0-9223372036854775807"')],
         "expected coefficients within the limits of a file, found 2.31e",
