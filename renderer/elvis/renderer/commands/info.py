@@ -243,16 +243,16 @@ def _isolate(source: NativeSource, names: Sequence[str], wall: str | None, as_js
     else:
         rows = []
         for each in found.points:
-            place = ", ".join(f"{x:.10g}" for x in each.place)
+            place = ", ".join(f"{x:.10g}" for x in each.position)
             values = ", ".join(f"{value:.6g}" if value.imag else f"{value.real:.6g}" for value in each.eigenvalues)
             rows.append((each.kind, str(each.index), place, str(each.element), values))
-        print_table(("kind", "index", "place", "element", "eigenvalues"), rows)
+        print_table(("kind", "index", "position", "element", "eigenvalues"), rows)
     if found.undecided:
         warn(
             f"undecided in {len(found.undecided)} elements, for example along lines of zeros: {_first(found.undecided)}"
         )
-    if found.beside:
-        note(f"not searched next to the outer boundary, within 1/128 of {len(found.beside)} elements")
+    if found.near_boundary:
+        note(f"not searched next to the outer boundary, within 1/128 of {len(found.near_boundary)} elements")
 
 
 def _first(ids: Sequence[int]) -> str:
@@ -293,7 +293,7 @@ def _check(data: tuple[Path, ...], ranks: Ranks, as_json: bool) -> None:
         return
     required, advised = ([each for each in found if each.is_required is kind] for kind in (True, False))
     if as_json:
-        facts = [{"place": each.place, "sentence": each.sentence, "required": each.is_required} for each in found]
+        facts = [{"place": each.place, "message": each.sentence, "required": each.is_required} for each in found]
         print_json({"findings": facts})
     else:
         _print_findings("required by programs of the format:", required)
@@ -327,7 +327,7 @@ def _prove(source: NativeSource, as_json: bool, many: int | None) -> None:
         print_json(facts)
     else:
         say(_validity_sentence(facts))
-        headers = ("element", "shape", "jacobian", "lower bound", "upper bound", "least", "at xi", "at x")
+        headers = ("element", "shape", "jacobian", "lower bound", "upper bound", "minimum", "at xi", "at x")
         rows = [_listed_row(row) for row in facts["listed"]]
         if rows:
             click.echo()
@@ -351,6 +351,6 @@ def _validity_sentence(facts: Facts) -> str:
 
 def _listed_row(row: Facts) -> tuple[object, ...]:
     places = (", ".join(f"{x:.6g}" for x in row[name]) for name in ("reference", "world"))
-    values = (f"{row[name]:.10g}" for name in ("lower", "upper", "least"))
-    status = f"{row['verdict']}: {row['reason']}" if row["reason"] else row["verdict"]
+    values = (f"{row[name]:.10g}" for name in ("lower", "upper", "minimum"))
+    status = f"{row['status']}: {row['reason']}" if row["reason"] else row["status"]
     return row["element"], row["shape"], status, *values, *places
