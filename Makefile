@@ -11,7 +11,7 @@ help:
 	@echo "make demo    set up, then draw the sample data; the pictures land in out/"
 	@echo "make test    set up, then lint, check the types and run every test"
 	@echo "make check   lint and the quick tests, two minutes: before each commit"
-	@echo "make lint    ruff and mypy alone"
+	@echo "make lint    ruff, mypy and the syntax of JavaScript"
 	@echo "make pages   docs/scene.md, scene.schema.json, quantities.md, gallery.md, elvis.1, what notebooks show, from what they are about"
 	@echo "make every-test  thorough tests, and all cases of families of which make test runs samples (SAMPLE_SEED=2: others)"
 	@echo "make docs    the site, in out/site: pages, reference of commands and Python, gallery, notebooks"
@@ -37,6 +37,7 @@ lint: $(READY)
 	@$(RUN) -m ruff check
 	@$(RUN) -m ruff format --check
 	@$(RUN) tools/sizes.py
+	@$(RUN) tools/javascript.py
 	@if $(RUN) -c 'import sys; sys.exit(sys.version_info < (3, 11))'; then $(RUN) -m mypy --num-workers auto $(AREAS); \
 	else echo "types are not checked: the NumPy of Python 3.10 is annotated too coarsely"; fi
 
