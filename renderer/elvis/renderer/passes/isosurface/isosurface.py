@@ -49,6 +49,8 @@ _OF_LEAVES, _OF_POINTS = 1 << 24, 1 << 23
 _OF_MODELS = 1 << 22
 #: the error that models may have, in parts of the changes of map and field over a sub-element
 _MODELS_OFF = 1e-6
+#: the same if the field itself is a series that approximates a quantity
+_ENCLOSED_MODELS_OFF = 1e-4
 #: what of the hit buffer the device holds
 _HELD = ("owner", "status", "reference", "depth", "normal", "uncertainty", "doubt")
 #: nodes of a line up to which kernels have series in their threads' own memory (`Terms` in iso_series.slang)
@@ -274,10 +276,11 @@ class IsosurfaceDrawer:
     def _with_models(self, level: Level) -> Level:
         """A level with room for the models of its sub-elements."""
         room = _OF_MODELS if self._nodes_of_line(level) > _SHORT else 1
+        is_enclosed = self._is_enclosed(level.number, level.quantity)
         models: dict[str, Any] = {
             "models": self.device.empty(np.float64, 4 * room),
             "model_room": np.array([room], np.uint32),
-            "model_off": np.array([_MODELS_OFF]),
+            "model_off": np.array([_ENCLOSED_MODELS_OFF if is_enclosed else _MODELS_OFF]),
             "model_count": self.device.buffer(np.zeros(1, np.uint32)),
         }
         return replace(level, buffers={**level.buffers, **models})
