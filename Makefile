@@ -12,7 +12,7 @@ help:
 	@echo "make test    set up, then lint, check the types and run every test"
 	@echo "make check   lint and the quick tests, two minutes: before each commit"
 	@echo "make lint    ruff, mypy and the syntax of JavaScript"
-	@echo "make pages   docs/scene.md, scene.schema.json, quantities.md, gallery.md, elvis.1, what notebooks show, from what they are about"
+	@echo "make pages   docs/scene.md, scene.schema.json, types of keywords, quantities.md, gallery.md, elvis.1, what notebooks show, from what they are about"
 	@echo "make every-test  thorough tests, and all cases of families of which make test runs samples (SAMPLE_SEED=2: others)"
 	@echo "make docs    the site, in out/site: pages, reference of commands and Python, gallery, notebooks"
 	@echo "make bench   the benchmarks, a printed table"
@@ -43,6 +43,7 @@ lint: $(READY)
 
 pages: $(READY)
 	@$(RUN) tools/scene_page.py
+	@$(RUN) tools/keyword_types.py
 	@$(RUN) tools/manual.py
 	@$(RUN) tools/quantities_page.py
 	@$(RUN) tools/formats_page.py

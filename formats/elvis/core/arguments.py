@@ -97,6 +97,11 @@ def reader_option(command: Callable[..., Any]) -> Callable[..., Any]:
     return _reader_option(click.option("--fields", **FIELDS_DECLARATION)(command))
 
 
+def reader_and_names_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """The same of a command that takes no expressions, in which ``--field`` and ``-f`` also name fields."""
+    return _reader_option(click.option("--fields", "--field", "-f", **FIELDS_DECLARATION)(command))
+
+
 step_option = click.option("--step", type=int, help="Step of a series, counted from 0, or from the end if negative.")
 
 

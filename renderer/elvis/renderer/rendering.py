@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from time import perf_counter
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -61,6 +61,11 @@ from elvis.scene.quantities import quantities, with_velocities
 from elvis.scene.time_limit import check_time, limited
 from elvis.scene.view import PlaneView, View, view_of
 
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+    from elvis.scene.render_keywords import RenderKeywords
+
 T = TypeVar("T")
 #: pixels at once below which a device that fails has failed for good
 FEWEST = 1 << 12
@@ -71,7 +76,7 @@ def render(
     scene: Scene | None = None,
     device: str | None = None,
     progress: Progress | None = None,
-    **keywords: Any,
+    **keywords: Unpack[RenderKeywords],
 ) -> Frame:
     """A picture of a dataset, of data opened by a runtime plugin, or of files of any format.
 

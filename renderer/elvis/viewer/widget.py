@@ -14,7 +14,7 @@ from collections.abc import Coroutine
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from elvis.core.dataset import Dataset
 from elvis.core.needing import require_module
@@ -31,11 +31,16 @@ from elvis.viewer.server import page_facts
 from elvis.viewer.session import Session
 from elvis.viewer.viewers import Viewer
 
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+    from elvis.scene.render_keywords import ViewKeywords
+
 #: seconds that a cell waits for the first picture, which a saved notebook shows
 PATIENCE = 20.0
 
 
-def view(*data: Any, scene: Scene | None = None, height: int = 620, **keywords: Any) -> NotebookViewer:
+def view(*data: Any, scene: Scene | None = None, height: int = 620, **keywords: Unpack[ViewKeywords]) -> NotebookViewer:
     """A viewer of data in a notebook: ``view("wing.xml", "wing.fld")``, ``view(ds, "speed", plane=(point, normal))``.
 
     data      result of `read`, or files and scene files; then the quantity that colours the picture, or a Scene

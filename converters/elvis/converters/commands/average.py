@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from elvis.core.arguments import cache_option, overwrite_option, reader_option, set_option
+from elvis.core.arguments import cache_option, overwrite_option, reader_and_names_option, set_option
 from elvis.core.errors import ElvisError
 
 if TYPE_CHECKING:
@@ -145,7 +145,7 @@ def _write_wall(series: Series, wall: str, over: str, output: Path) -> None:
     "direction, or one along which its hexahedra and prisms are extruded.",
 )
 @set_option
-@reader_option
+@reader_and_names_option
 @overwrite_option
 @cache_option
 def average(

@@ -16,7 +16,7 @@ from elvis.core.arguments import (
     deform_options,
     other_option,
     overwrite_option,
-    reader_option,
+    reader_and_names_option,
     set_option,
     step_option,
     time_option,
@@ -62,7 +62,7 @@ _ROUNDING = 1e-11
 @set_option
 @deform_options
 @complex_options
-@reader_option
+@reader_and_names_option
 @step_option
 @time_option
 @between_option
