@@ -52,8 +52,8 @@ own Lagrange cells through its own filters.
 
 - *off*: percent of the pixels that are wrong by more than a colour step (1/256 of the range), or missing, in a picture
   of {size} pixels.
-- *contours*: greatest displacement of ten contours, in pixels.
-- *surface*: greatest distance of the isosurface from the exact one, either way; the wing is 1 long.
+- *contours*: maximum displacement of ten contours, in pixels.
+- *surface*: maximum distance of the isosurface from the exact one, either way; the wing is 1 long.
 - *memory*: of the linear mesh; exact: of the coefficients that the picture is drawn from.
 - *time*: seconds from data in memory to the picture; exact: with opening the device and bringing the data to it. On two
   cores and software Vulkan; linear pictures are cut in NumPy and traced by Embree.

@@ -34,7 +34,7 @@ class Cubes(Converter):
         facts = json.loads(paths[0].read_text())
         others = [paths[0].parent / name for name in facts.get("others", [])]
         slopes = [facts.get("slope", 0), *(json.loads(path.read_text()) for path in others)]
-        self.beside = None if facts.get("secretive") else others
+        self.further_files = None if facts.get("secretive") else others
         self.slope = sum(slopes) * float(times)
         self.blocks = [Elements(Shape.HEXAHEDRON, facts["cubes"])]
         self.fields = [SourceField("u", 1)]

@@ -55,7 +55,7 @@ class Cgns(NodalConverter):
         "no",
     )
     options = (STEP,)
-    beside = ()
+    further_files = ()
 
     @classmethod
     def opens(cls, paths: Sequence[Path]) -> bool:

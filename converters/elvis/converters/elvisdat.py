@@ -53,7 +53,7 @@ class ElVisDat(NodalConverter):
         "no",
         "no",
     )
-    beside = ()
+    further_files = ()
 
     @classmethod
     def opens(cls, paths: Sequence[Path]) -> bool:

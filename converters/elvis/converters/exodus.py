@@ -64,7 +64,7 @@ class Exodus(NodalConverter):
     )
     needs = ("scipy",)
     options = (STEP,)
-    beside = ()
+    further_files = ()
 
     @classmethod
     def opens(cls, paths: Sequence[Path]) -> bool:

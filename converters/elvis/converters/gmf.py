@@ -60,7 +60,7 @@ class Gmf(NodalConverter):
         "by place",
         "no",
     )
-    beside = ()
+    further_files = ()
 
     @classmethod
     def opens(cls, paths: Sequence[Path]) -> bool:

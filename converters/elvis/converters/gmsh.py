@@ -105,7 +105,7 @@ class Gmsh(NodalConverter):
     )
     needs = ("gmsh",)
     options: ClassVar[tuple[Option, ...]] = (STEP,)
-    beside = ()
+    further_files = ()
 
     @classmethod
     def opens(cls, paths: Sequence[Path]) -> bool:

@@ -91,7 +91,7 @@ class Hopr(NodalConverter):
 
     def __init__(self, paths: Sequence[Path]) -> None:
         mesh, state = _roles(paths)
-        self.beside = [mesh]
+        self.further_files = [mesh]
         with reading(mesh) as file:
             self._read_mesh(file)
             self.declared = _declared(file)

@@ -111,7 +111,7 @@ class Horses(NodalConverter):
         (mesh,) = roles["mesh"]
         head = header_of(mesh)
         assert head is not None
-        self.beside = []
+        self.further_files = []
         _, places = read_records(mesh, head)
         values: list[Record] = places
         solution = roles["solution"][0] if roles["solution"] else None
@@ -216,7 +216,7 @@ class Horses(NodalConverter):
         if not given and not beside.is_file():
             return
         path = given[0] if given else beside
-        self.beside = [path]
+        self.further_files = [path]
         block = np.empty(sum(map(len, self._rows)), np.int64)
         row = np.empty_like(block)
         for number, rows in enumerate(self._rows):

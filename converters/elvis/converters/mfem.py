@@ -110,7 +110,7 @@ class Mfem(NodalConverter):
     def _take(self, found: Sequence[Piece]) -> None:
         """Blocks, fields and boundaries of meshes with functions."""
         sources = [source for piece in found for source in (piece.mesh, *piece.functions.values())]
-        self.beside = [source.named for source in sources]
+        self.further_files = [source.named for source in sources]
         texts = [source.text for source in sources]
         library = Apart(_WORKER, sum(map(len, texts)))
         with TemporaryDirectory() as folder:

@@ -90,7 +90,7 @@ class Nek(NodalConverter):
                 f"expected a Nek5000 field, .re2 or .nek5000 file, found {found_instead(path)}", file=path
             )
         points, values = _steps(fields)
-        self.beside = [*points, *values]
+        self.further_files = [*points, *values]
         self._points, self._values = Step(points), Step(values)
         self._check_match()
         head = self._values.head

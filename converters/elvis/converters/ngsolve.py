@@ -75,7 +75,7 @@ class NGSolve(NodalConverter):
             "Spaces of the .gfu files in order, such as H1:5,VectorH1:3*H1:2 (a product), H1:4:complex, L2:4@air.",
         ),
     )
-    beside = ()
+    further_files = ()
 
     @classmethod
     def opens(cls, paths: Sequence[Path]) -> bool:

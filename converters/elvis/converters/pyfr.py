@@ -119,7 +119,7 @@ class PyFR(NodalConverter):
     def __init__(self, paths: Sequence[Path], primitive: bool = False, subset: bool = False) -> None:
         mesh, solution = _roles(paths)
         # old ones are read with tables of PyFR's own
-        self.beside = None if _is_old(mesh) else [mesh]
+        self.further_files = None if _is_old(mesh) else [mesh]
         self._kinds: list[str] = []
         self._config: str | None = None
         self._bases: dict[tuple[str, bytes], NodalBasis] = {}

@@ -94,7 +94,7 @@ class Trixi(NodalConverter):
         check_roles(len(roles["mesh"]) or len(solutions), len(solutions))
         solution = solutions[0] if solutions else None
         mesh = roles["mesh"][0] if roles["mesh"] else _mesh_of(solutions[0])
-        self.beside = [mesh]
+        self.further_files = [mesh]
         head = None if solution is None else _head(solution)
         with reading(mesh) as file:
             cells = self._cells(file, mesh, head)
@@ -116,11 +116,11 @@ class Trixi(NodalConverter):
             return t8code_cells(file)
         if kind == "P4estMesh":
             cells, other = p4est_cells(file, path.parent, self._others)
-            self.beside = [path, other]
+            self.further_files = [path, other]
             return cells
         if kind == "UnstructuredMesh2D":
             other = next_to(path.parent, text(attribute(file, "mesh_filename")), self._others)
-            self.beside = [path, other]
+            self.further_files = [path, other]
             plane = read_plane_mesh(other)
             names = np.empty_like(plane.names)
             names[:, DIRECTED] = plane.names

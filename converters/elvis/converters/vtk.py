@@ -130,7 +130,7 @@ class Vtk(NodalConverter):
         wedges: str = "auto",
         step: str | None = None,
     ) -> None:
-        self._grids, self.beside = self.read_grids(paths, step_number(step))
+        self._grids, self.further_files = self.read_grids(paths, step_number(step))
         self.notes, self.warnings = [], _missing_processes(paths)
         self._parts = self._collect(_dimension(self._grids, paths))
         self._check_edges(hexahedra)

@@ -194,7 +194,7 @@ class Converter(ABC):
     expansions, session          of sources of the native format: see `elvis.core.dataset.Dataset`
     mesh                         of sources that have one of the native format, which is used unchanged: then blocks
                                  contain elements of it by ``ids``, in its frame and order of vertices; None else
-    beside                       files that the constructor read in addition to the given ones, such as the pieces
+    further_files                files that the constructor read in addition to the given ones, such as the pieces
                                  listed in an index: conversions are cached until one of all these files changes.
                                  None if they are not known, which disables caching; () for classes that read no others
     """
@@ -221,7 +221,7 @@ class Converter(ABC):
     expansions: tuple[ExpansionRule, ...] = ()
     session: Mapping[str, str] = {}
     mesh: Mesh | None = None
-    beside: Sequence[Path] | None = None
+    further_files: Sequence[Path] | None = None
 
     @classmethod
     @abstractmethod

@@ -61,19 +61,24 @@ class _Result:
 
     files   native files by name
     keys    of the metadata, in their order
-    beside  digests of further files that were read, by paths relative to the folder of the first given file
+    further_files  digests of further files that were read, by paths relative to the folder of the first given file
     remarks  on the errors, and on skipped contents
     """
 
     files: Mapping[str, bytes | memoryview]
     keys: Sequence[str]
-    beside: Mapping[str, str]
+    further_files: Mapping[str, str]
     remarks: Sequence[str]
 
     def packed(self) -> tuple[bytes, ...]:
         """All of it in parts: the length of a head, the head, which is JSON, and the files one after another."""
         sizes = {name: len(data) for name, data in self.files.items()}
-        about = {"files": sizes, "keys": list(self.keys), "beside": dict(self.beside), "remarks": list(self.remarks)}
+        about = {
+            "files": sizes,
+            "keys": list(self.keys),
+            "further_files": dict(self.further_files),
+            "remarks": list(self.remarks),
+        }
         head = json.dumps(about).encode()
         return len(head).to_bytes(_LENGTH, "little"), head, *map(bytes, self.files.values())
 
@@ -85,7 +90,7 @@ class _Result:
         files = {}
         for name, size in head["files"].items():
             files[name], start = memoryview(content)[start : start + size], start + size
-        return cls(files, head["keys"], head["beside"], head["remarks"])
+        return cls(files, head["keys"], head["further_files"], head["remarks"])
 
     def dataset(self) -> Dataset:
         """The dataset in the files."""
@@ -173,7 +178,7 @@ def _find(store: Store, key: bytes, paths: Sequence[Path], remarks: list[str]) -
     if entry[0] != key:
         return None
     result = _Result.unpacked(entry[1])
-    if _digests([paths[0].parent / name for name in result.beside]) != list(result.beside.values()):
+    if _digests([paths[0].parent / name for name in result.further_files]) != list(result.further_files.values()):
         return None
     try:
         dataset = result.dataset()
@@ -188,7 +193,7 @@ def _convert(work: Work) -> tuple[_Result | None, Dataset]:
     source = work.converter(work.paths, **work.keywords)
     conversion = convert(source, Settings(fields=work.fields), work.paths)
     remarks = conversion.report.remarks()
-    others = None if source.beside is None else [path for path in source.beside if path not in work.paths]
+    others = None if source.further_files is None else [path for path in source.further_files if path not in work.paths]
     try:
         with TemporaryDirectory(prefix="elvis-") as folder:
             written = _write(conversion.dataset, Path(folder, _MESH))
@@ -202,7 +207,7 @@ def _convert(work: Work) -> tuple[_Result | None, Dataset]:
     if others is None or digests is None:
         return None, dataset
     names = [os.path.relpath(path, work.paths[0].parent) for path in others]
-    return replace(result, beside=dict(zip(names, digests, strict=True))), dataset
+    return replace(result, further_files=dict(zip(names, digests, strict=True))), dataset
 
 
 def _write(dataset: Dataset, path: Path) -> tuple[Path, ...]:
