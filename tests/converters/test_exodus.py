@@ -298,6 +298,15 @@ def test_unwritten_names_are_empty(tmp_path):
     assert names[:3] == ["block 1", "block 2", "sides 1"]
 
 
+def test_names_end_at_their_first_zero(tmp_path):
+    path = cubes_in_blocks(tmp_path / "row.e", write_hdf5, (1, 1))
+    with h5py.File(path, "r+") as file:
+        row = file["eb_names"][0]
+        row[:8] = np.frombuffer(b"air\0?\xa4zG", "S1")
+        file["eb_names"][0] = row
+    assert read(path).mesh.composites[0].name == "air"
+
+
 def test_unwritten_coordinates_are_an_error(tmp_path):
     path = cubes_in_blocks(tmp_path / "row.e", write_hdf5, (1, 1), unwritten=("coordy",))
     with pytest.raises(FormatError, match="expected 96 bytes as declared, found 0 stored"):

@@ -169,6 +169,19 @@ def test_every_version_contains_the_same(session, tmp_path, version, binary):
     assert [field.max for field in again.report.fields] == [field.max for field in done.report.fields]
 
 
+@pytest.mark.parametrize("binary", [0, 1])
+def test_nodes_with_parameters_are_nodes(session, tmp_path, binary):
+    mixed(2)
+    gmsh.option.setNumber("Mesh.SaveParametric", 1)
+    path = save(tmp_path / "parameters.msh", 2.2, binary)
+    gmsh.option.setNumber("Mesh.SaveParametric", 0)
+    assert b"$ParametricNodes" in path.read_bytes()
+    plain = save(tmp_path / "plain.msh", 2.2, binary)
+    one, other = (convert(Gmsh([each])).dataset for each in (path, plain))
+    assert one.mesh.counts == other.mesh.counts
+    assert np.array_equal(one.mesh.corners, other.mesh.corners)
+
+
 def test_version_1_contains_the_same_mesh(session, tmp_path):
     mixed(2)
     paths = [save(tmp_path / f"{version}.msh", version, 0) for version in (1.0, 2.2)]

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elvis import sample
+from elvis import read, sample
 from elvis.converters.mfem import Mfem
 from elvis.core.errors import FormatError
 from elvis.core.integrals import integrate
@@ -197,6 +197,16 @@ def test_hanging_nodes_make_fields_discontinuous(tmp_path, name):
 def test_other_meshes_of_the_library(name):
     conversion = check(Mfem, [MESHES / f"{name}.mesh"])
     assert conversion.report.geometry.is_exact
+
+
+@pytest.mark.parametrize("name", ["star-q2", "square-nurbs"])
+def test_numbers_may_follow_a_heading_on_its_line(tmp_path, name):
+    text = (MESHES / f"{name}.mesh").read_text()
+    path = tmp_path / "line.mesh"
+    path.write_text(text.replace("dimension\n2\n", "dimension 2\n").replace("vertices\n", "vertices "))
+    assert path.read_text() != text
+    one, other = (integrate(read(each), "1")[0].value for each in (path, MESHES / f"{name}.mesh"))
+    assert one == other > 0.5
 
 
 @pytest.mark.parametrize("name", ["ball-nurbs", "disc-nurbs", "pipe-nurbs-2d"])

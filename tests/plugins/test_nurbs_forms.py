@@ -201,3 +201,20 @@ def test_damaged_patches_give_a_one_line_error(pipe, tmp_path, old, new, sentenc
     path.write_text(text.replace(old, new, 4 if "controls" in new else 1))
     with pytest.raises(FormatError, match=sentence):
         Nurbs([path])
+
+
+def test_surfaces_and_meshes_alone_are_left_to_the_converter(pipe, tmp_path):
+    mesh, function = MFEM / "pipe_nurbs.mesh", MFEM / "pipe_nurbs.u.gf"
+    plane = tmp_path / "plane.mesh"
+    plane.write_text(mesh.read_text().replace("dimension\n3", "dimension\n2"))
+    assert Nurbs.opens([mesh, function])
+    assert not Nurbs.opens([mesh])
+    assert not Nurbs.opens([plane, function])
+
+
+def test_a_mesh_may_lack_boundary_elements(pipe, tmp_path):
+    text = (MFEM / "pipe_nurbs.mesh").read_text()
+    path = tmp_path / "bare.mesh"
+    start, end = text.index("\nboundary") + 1, text.index("\nedges") + 1
+    path.write_text(f"{text[:start]}boundary\n0\n\n{text[end:]}")
+    assert Nurbs([path]).mesh.boundary.shape == (0, 5)

@@ -176,7 +176,8 @@ class Variables:
         rows = np.atleast_2d(self[name])
         if rows.dtype.kind != "S" or rows.ndim != 2:
             raise FormatError(f"expected texts, found {rows.dtype} of shape {rows.shape}", file=self.path, place=name)
-        return [b"".join(row.tolist()).split(b"\0")[0].decode("utf-8", "replace").strip() for row in rows]
+        # some writers leave rubbish behind the zero that ends a name
+        return [row.tobytes().split(b"\0")[0].decode("utf-8", "replace").strip() for row in rows]
 
     def ints(self, name: str, dimension: int = 1) -> Ints:
         """Whole numbers in an array of this many dimensions."""

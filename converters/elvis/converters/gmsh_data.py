@@ -30,7 +30,7 @@ MAGIC_1, _SECTIONS_1 = b"$NOD", (b"$ENDNOD", b"$ELM", b"$ENDELM")
 
 _DATA = (b"InterpolationScheme", b"NodeData", b"ElementNodeData", b"ElementData")
 _MESH = (b"MeshFormat", b"PhysicalNames", b"Entities", b"PartitionedEntities", b"Nodes", b"Elements", b"Periodic",
-         b"GhostElements", b"Parametrizations")  # fmt: skip
+         b"GhostElements", b"Parametrizations", b"ParametricNodes")  # fmt: skip
 _OPENING = re.compile(rb"(?m)^\$(\w+)[ \t\r]*\n")
 
 #: content allowed before the format: blank lines, and sections of any other name with comments
@@ -247,7 +247,8 @@ def scan(path: Path) -> Contents:
         first = kept.get(b"Elements", (0, 0))[0]
         elements = data[first : first + _FIRST_ELEMENT]
         is_partition = b"PartitionedEntities" in kept or _has_partition_tags(elements, data[start : start + 64], order)
-        return Contents(path, b"Nodes" in kept, is_plain, tuple(sections), tuple(kept.values()), is_partition)
+        has_mesh = b"Nodes" in kept or b"ParametricNodes" in kept
+        return Contents(path, has_mesh, is_plain, tuple(sections), tuple(kept.values()), is_partition)
 
 
 def _has_partition_tags(section: bytes, head: bytes, order: str) -> bool:

@@ -213,8 +213,8 @@ def rounding(text: str) -> float:
 
 
 def _words(text: str, section: str) -> list[str]:
-    """Words of a section and all that follow, empty without the section."""
-    found = re.search(rf"(?m)^{section}\s*$", text)
+    """Words of a section and all that follow, on its line or below; empty without the section."""
+    found = re.search(rf"(?m)^[ \t]*{section}(?!\S)", text)
     return text[found.end() :].split() if found else []
 
 

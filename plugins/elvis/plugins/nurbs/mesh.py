@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -98,6 +99,12 @@ def first_line(path: Path) -> str:
     start = leading(path, 4096)
     lines = (line.strip() for line in start.decode("ascii", errors="replace").splitlines())
     return next((line for line in lines if line and not line.startswith("#")), "")
+
+
+def fills_space(path: Path) -> bool:
+    """Whether a mesh says that its patches are three-dimensional."""
+    found = re.search(rb"(?m)^\s*dimension\s+(\d)", leading(path, 1 << 16))
+    return found is not None and found[1] == b"3"
 
 
 def read_mesh(path: Path) -> PatchMesh:
@@ -228,7 +235,11 @@ class Sections:
         lines = (line.strip() for line in content(path).decode("ascii", "replace").splitlines())
         current: list[str] = []
         for line in lines:
-            if line and line[0].isalpha():
+            if numbers := re.fullmatch(r"([a-z]+)\s+([-+.\deE\s]+)", line):
+                # a heading with its numbers on the same line, as in "dimension 2"
+                current = self._lines.setdefault(numbers[1], [])
+                current.append(numbers[2])
+            elif line and line[0].isalpha():
                 name, _, word = line.partition(":")
                 current = self._lines.setdefault(name, [])
                 self.words[name] = word.strip()
@@ -265,7 +276,7 @@ class Sections:
         rows = self.rows(name)
         if not rows or len(rows[0]) != 1 or len(rows) != rows[0][0] + 1 or any(len(row) != width for row in rows[1:]):
             raise self.error(name, f"expected a count and as many rows of {width} numbers, found {len(rows)} rows")
-        return np.array(rows[1:])
+        return np.array(rows[1:]).reshape(-1, width)
 
     def cubes(self, name: str) -> Ints:
         """(n, 8) vertices; a row has attribute, kind and vertices."""

@@ -18,7 +18,16 @@ from elvis.plugins.faces import Faces, Hexahedra, hexahedron_faces
 from elvis.plugins.nurbs.bezier import along, evaluated, from_nodes, scaled_coefficients
 from elvis.plugins.nurbs.inversion import Solver
 from elvis.plugins.nurbs.knots import HIGHEST
-from elvis.plugins.nurbs.mesh import FUNCTION, MESH, GridFunction, PatchMesh, first_line, read_function, read_mesh
+from elvis.plugins.nurbs.mesh import (
+    FUNCTION,
+    MESH,
+    GridFunction,
+    PatchMesh,
+    fills_space,
+    first_line,
+    read_function,
+    read_mesh,
+)
 from elvis.plugins.nurbs.node_numbers import CORNERS, numbered
 from elvis.plugins.nurbs.own import OwnMesh, is_own, read_own
 from elvis.plugins.source import VolumeSource
@@ -50,11 +59,18 @@ class Nurbs(VolumeSource):
 
     @classmethod
     def opens(cls, paths: Sequence[Path]) -> bool:
-        """One NURBS mesh of MFEM, all else grid functions; or one file of our own form (`elvis.plugins.nurbs.own`)."""
+        """One 3D NURBS mesh of MFEM and grid functions; or one file of our own form (`elvis.plugins.nurbs.own`).
+
+        The converter of MFEM reads lines, surfaces and meshes without functions.
+        """
         if len(paths) == 1 and is_own(Path(paths[0])):
             return True
-        kinds = sorted(first_line(Path(path)) for path in paths)
-        return kinds.count(MESH) == 1 and kinds.count(FUNCTION) == len(kinds) - 1
+        kinds = {Path(path): first_line(Path(path)) for path in paths}
+        meshes = [path for path, kind in kinds.items() if kind == MESH]
+        functions = [path for path, kind in kinds.items() if kind == FUNCTION]
+        if len(meshes) != 1 or not functions or len(kinds) != 1 + len(functions):
+            return False
+        return fills_space(meshes[0])
 
     def __init__(self, paths: Sequence[Path]) -> None:
         """Open the files."""
