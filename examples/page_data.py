@@ -16,16 +16,14 @@ from __future__ import annotations
 import shutil
 import sys
 from dataclasses import replace
-from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 
 from elvis import Dataset, write
-from elvis.core.arrays import Floats
-from elvis.core.shapes import Shape
-from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
+from elvis.core.testing import approximated, curved, mixed_volume, ripple
+from elvis.plugins.sample import write_sample
 
 #: name in the pages -> solver's file; a folder and a pattern stand for all that fit, under their own names
 SOURCES = {
@@ -60,8 +58,8 @@ def lay_out(folder: Path, data: Path | None = None, quick: bool = True) -> None:
     import generate
 
     write(wing(3 if quick else 5), folder / "wing.xml")
-    _write_waves(folder)
-    write(resolved(), folder / "resolved.xml")
+    for name in ("wave", "resolved"):
+        write_sample(name, folder)
     generate.main(folder)
     if find_spec("gmsh"):
         import cases
@@ -72,38 +70,6 @@ def lay_out(folder: Path, data: Path | None = None, quick: bool = True) -> None:
             for each in (source,) if isinstance(source, str) else source:
                 for path in data.glob(each):
                     shutil.copy(path, folder / (name or path.name))
-
-
-def _write_waves(folder: Path) -> None:
-    """A mesh of 16 squares, and a field u of order 7 at nine times."""
-    mesh = grid(Shape.QUADRILATERAL, 4)
-    write(Dataset(mesh), folder / "wave.xml")
-    (folder / "wave.fld").unlink(missing_ok=True)
-    for step in range(9):
-        time = step / 4
-        field = approximated(Dataset(mesh), "u", partial(_wave, time), modes=8)
-        write(Dataset(mesh, (field,), time), field_path=folder / f"wave_{step}.chk")
-
-
-def _wave(time: float, x: Floats) -> Floats:
-    """Values (n,) of the wave at points (n, 3)."""
-    shape = np.cos(2 * np.pi * x[:, 0]) * np.cos(np.pi * x[:, 1])
-    moving = np.sin(3 * np.pi * x[:, 0]) * np.sin(2 * np.pi * x[:, 1])
-    waves: Floats = np.exp(-time / 4) * (np.cos(np.pi * time) * shape + np.sin(np.pi * time) * moving)
-    return waves
-
-
-def resolved() -> Dataset:
-    """A square with fields that are resolved well and badly: smooth, layer, shock, corner (r^(2/3) sin(2 θ / 3))."""
-    dataset = Dataset(grid(Shape.QUADRILATERAL, 8))
-    functions = {
-        "smooth": lambda x: np.sin(2 * x[:, 0]) * np.cos(3 * x[:, 1]),
-        "layer": lambda x: np.tanh((x[:, 0] - 0.55) / 0.05),
-        "shock": lambda x: np.tanh((x[:, 0] + x[:, 1] / 2 - 0.61) / 0.002),
-        "corner": lambda x: np.hypot(x[:, 0], x[:, 1]) ** (2 / 3) * np.sin(2 / 3 * np.arctan2(x[:, 1], x[:, 0])),
-    }
-    fields = (approximated(dataset, name, function, modes=5) for name, function in functions.items())
-    return replace(dataset, fields=tuple(fields))
 
 
 def wing(modes: int = 5) -> Dataset:

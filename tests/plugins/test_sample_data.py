@@ -6,7 +6,7 @@ from click.testing import CliRunner
 
 from elvis import read
 from elvis.core.errors import ElvisError
-from elvis.plugins.sample import sample
+from elvis.plugins.sample import NAMES, sample, write_sample
 from elvis.plugins.sample_data import ANGLE, SPAN, SQUARE, SWEEP, TIP, wing
 
 
@@ -56,3 +56,12 @@ def test_files_are_written_once(tmp_path):
     assert isinstance(outcome.exception, ElvisError)
     assert "wing.fld already exists; choose another folder with -o, or pass --overwrite" in str(outcome.exception)
     assert [path.name for path in tmp_path.iterdir()] == ["wing.fld"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_sample_opens_with_a_field(name, tmp_path):
+    mesh, *fields = write_sample(name, tmp_path)
+    found = read(mesh, fields[-1])
+    assert found.mesh.count
+    assert all(np.isfinite(found[field].range).all() for field in found)
+    assert len(fields) == (9 if name == "wave" else 1)
