@@ -59,7 +59,7 @@ def deform(
     Examples
     --------
     >>> deformed = elvis.deform(ds, "u,v,w", scale=50)  # doctest: +SKIP
-    >>> elvis.render(bent, "sqrt(u^2+v^2+w^2)")  # doctest: +SKIP
+    >>> elvis.render(deformed, "sqrt(u^2+v^2+w^2)")  # doctest: +SKIP
     """
     return with_deformation(dataset, Deformation(displacement, scale, gradients, height))
 

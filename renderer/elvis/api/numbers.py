@@ -16,6 +16,6 @@ def extrema(dataset: Dataset, quantity: str) -> tuple[Extremum, Extremum]:
     Raises ElvisError for an invalid quantity, and for data with Fourier directions.
 
     >>> minimum, maximum = elvis.extrema(ds, "speed")  # doctest: +SKIP
-    >>> maximum.value, maximum.bound, maximum.place  # doctest: +SKIP
+    >>> maximum.value, maximum.bound, maximum.position  # doctest: +SKIP
     """
     return quantity_extrema(dataset, Expression.of(dataset, quantity))
