@@ -23,7 +23,7 @@ from elvis.plugins.conversion import PyramidSpace
 from elvis.plugins.nodal import NodalBasis, ShapeFunctions
 from elvis.plugins.projection.naming import local_sides
 
-#: numbers of types that are no elements of one shape
+#: numbers of types that are not elements of one shape
 NODE, MIXED, NGON, NFACE = 2, 20, 22, 23
 
 #: types whose inner nodes have other places according to notes in the standard, and the type with such nodes only on

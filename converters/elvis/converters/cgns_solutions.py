@@ -28,7 +28,7 @@ _ELEMENTS = ("InterpolationPoints", "ElementBased")
 #: names of the degrees in space and time of a solution of CPEX 0045, by its versions
 _DEGREES = ("InterpolationDegrees", "InterpolationOrders")
 
-#: arrays of a solution that are no fields
+#: arrays of a solution that are not fields
 _METADATA = ("CharacteristicLength",)
 
 #: degree of a solution at most

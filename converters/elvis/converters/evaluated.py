@@ -1,4 +1,4 @@
-"""Values that a library finds element by element, which are no sums over nodes."""
+"""Values that a library finds element by element, which are not sums over nodes."""
 
 from __future__ import annotations
 

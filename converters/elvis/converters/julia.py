@@ -153,7 +153,7 @@ def definitions(code: str, known: Mapping[str, Value]) -> Scope:
 def evaluated(function: Value, points: Sequence[Any]) -> list[Any]:
     """The components of a function at points, an array for each coordinate; raises FormatError if it has none.
 
-    Raises FormatError for values that are no numbers or not finite.
+    Raises FormatError for values that are not numbers or not finite.
     """
     with _formulas():
         found = function(*points)

@@ -35,7 +35,7 @@ _EXTRUDED = {
     Shape.TRIANGLE: (Shape.PRISM, (0, 1, 1, 0, 2, 2), (1, 1, 0, 0, 1, 0)),
     Shape.QUADRILATERAL: (Shape.HEXAHEDRON, (0, 1, 2, 3, 0, 1, 2, 3), (0, 0, 0, 0, 1, 1, 1, 1)),
 }
-#: most times that elements are halved
+#: most times that elements are bisected
 HIGHEST = 8
 
 

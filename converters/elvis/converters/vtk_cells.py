@@ -55,7 +55,7 @@ _SHAPES = (Shape.SEGMENT, Shape.TRIANGLE, Shape.QUADRILATERAL, Shape.TETRAHEDRON
 LAGRANGE: dict[int, Shape] = dict(zip(range(68, 74), _SHAPES, strict=True))
 BEZIER: dict[int, Shape] = dict(zip(range(75, 81), _SHAPES, strict=True))
 
-#: cells that are no elements: points, lines of many pieces
+#: cells that are not elements: points, lines of many pieces
 POINTS = (0, 1, 2)
 
 #: kinds that readers may meet and that cannot be evaluated

@@ -96,7 +96,7 @@ def is_tensor(shape: Shape) -> bool:
 
 
 def check_family(shape: Shape, family: str) -> None:
-    """Raise ElvisError for Gauss points in shapes that are no products of lines."""
+    """Raise ElvisError for Gauss points in shapes that are not products of lines."""
     if family == "gauss" and not is_tensor(shape):
         raise ElvisError(f"expected cells that are products of lines for the option nodes=gauss, found {shape.label}")
 

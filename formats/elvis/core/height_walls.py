@@ -21,7 +21,7 @@ from elvis.core.polynomials.interpolation import modified
 from elvis.core.polynomials.quadrature import lobatto
 from elvis.core.shapes import Shape
 
-#: share of the greatest coordinate up to which edges are one
+#: share of the largest coordinate up to which edges are one
 CLOSE = 1e-10
 
 

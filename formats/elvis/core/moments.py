@@ -22,7 +22,7 @@ class Moment:
     step     counted from 0, from the end where it is negative
     time     in the unit of the files
     between  one of BETWEEN
-    wants_series  whether a series is requested though no moment is asked for
+    wants_series  whether a series is requested though no moment is requested
     """
 
     step: int | None = None

@@ -245,7 +245,7 @@ def part_of(paths: Sequence[Path], reading: Reading) -> Portion:
 
 
 def part_of_state(paths: Sequence[Path], reading: Reading) -> Portion:
-    """The same of files that are no series, such as one step of it; moments and other data are not looked at."""
+    """The same of files that are not series, such as one step of it; moments and other data are not examined."""
     ranks = reading.ranks
     check_same_files(paths, ranks)
     if _is_native(paths, reading):
@@ -297,7 +297,7 @@ def state_with_others(paths: Sequence[Path], reading: Reading) -> Dataset:
 
 
 def state_of(paths: Sequence[Path], reading: Reading) -> Dataset:
-    """The dataset of files that are no series, such as one step of it; moments are not looked at."""
+    """The dataset of files that are not series, such as one step of it; moments are not examined."""
     if _is_native(paths, reading):
         return with_warnings(read_data(paths, reading.choice()))
     return _convert(paths, installed_converters(), reading)
@@ -331,7 +331,7 @@ def _converters_in(plugin: str | None) -> list[Candidate]:
 
 
 def _convert(paths: Sequence[Path], candidates: Sequence[Candidate], reading: Reading) -> Dataset:
-    """The dataset that a converter makes of the files, or that was kept when it did."""
+    """The dataset that a converter makes of the files, or that was retained when it did."""
     from elvis.plugins.kept_conversions import load_or_convert
 
     work = _work(paths, candidates, reading)

@@ -122,7 +122,7 @@ def on_height(dataset: Dataset, points: Floats) -> Floats:
 
 
 def is_deformed(dataset: Dataset, deformation: Deformation) -> bool:
-    """Whether the geometry of a dataset is the one that is asked for."""
+    """Whether the geometry of a dataset is the requested one."""
     known = dataset.deformation
     if known is None:
         return False

@@ -32,7 +32,7 @@ from elvis.plugins.projection.fitting import FieldFit
 
 #: disagreement of rules, as a share of values, that is rounding, and that ends the search for borders
 _ROUNDING, _GOAL = 1e-13, 1e-9
-#: points beyond which no box is halved, at least and for each point of the first rules; points at a time
+#: points beyond which no box is bisected, at least and for each point of the first rules; points at a time
 _LEAST_POINTS, _POINTS_PER_POINT, _AT_ONCE = 1 << 17, 32, 1 << 15
 #: Gauss points in a direction at most
 _MOST_GAUSS = 20
@@ -239,7 +239,7 @@ class _Moments:
         ]
         # in a box that the source covers in part, this share of the missed part is in doubt
         found.append(np.minimum(self.missed, self.measure - self.missed) / measure)
-        # values that are not numbers stay so, however often boxes are halved
+        # values that are not numbers stay so, however often boxes are bisected
         every = [np.nan_to_num(own.reshape(len(own), -1), nan=0.0).max(axis=1, initial=0.0) for own in found]
         return np.asarray(np.max(every, axis=0))
 

@@ -33,7 +33,7 @@ class Loss:
 
     @property
     def spread(self) -> float:
-        """Greatest minus least value."""
+        """Largest minus smallest value."""
         return self.high - self.low
 
     @property

@@ -51,7 +51,7 @@ _WITH_DISCS = (*LEAVES, *_CONTINUOUS, *_WHERE_FINITE, "sign", "step", "atan2")
 MOST_DISTANCES = 3
 #: parts of an expression that a kernel evaluates
 _MOST = 1000
-#: the greatest power that kernels take by products; see ``power`` in ``shaders/elementary.slang``
+#: the largest power that kernels take by products; see ``power`` in ``shaders/elementary.slang``
 _MOST_FACTORS = 1024
 
 _SOURCE = """import formula; import elementary; import eigenvalues;

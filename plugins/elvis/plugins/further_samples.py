@@ -1,7 +1,7 @@
 """Further sample data: solutions whose every detail is known, on curved meshes.
 
 cylinder  2D, triangles of a quadratic map, field order 8: potential flow past a cylinder with circulation
-bend      3D, hexahedra of a quartic map, field order 5: flow with two vortices through a bent duct
+bend      3D, hexahedra of a quartic map, field order 5: flow with two vortices through a curved duct
 blocks    3D, all four volume shapes in one mesh, quadratic map, field order 6
 wave      2D, a series of nine steps: a standing wave that loses strength, of order 7
 resolved  2D, 64 squares of order 4 with a smooth field, a layer, a shock and a corner
@@ -74,7 +74,7 @@ def speed_in_duct(points: Floats) -> Floats:
 
 
 def bend() -> Dataset:
-    """The speed in a bent duct."""
+    """The speed in a curved duct."""
     mesh = curved(grid(Shape.HEXAHEDRON, 5), duct, 5)
     return with_fields(mesh, {"speed": speed_in_duct}, modes=6)
 

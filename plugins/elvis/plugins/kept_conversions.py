@@ -37,7 +37,7 @@ MOST_BYTES = 2 << 30
 _PACKAGES = ("elvis.core", "elvis.formats", "elvis.plugins")
 #: bytes of a file that are read at once
 _PART = 1 << 20
-#: the native files by the name under which they are kept
+#: the native files by the name under which they are stored
 _MESH, _LENGTH = "converted.xml", 8
 
 

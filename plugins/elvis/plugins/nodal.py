@@ -31,10 +31,10 @@ from elvis.plugins.projection.frames import affine_between
 #: letters of the components of vectors and tensors
 _XYZ = "xyz"
 
-#: interpolation that loses more digits than this is refused
+#: interpolation that loses more digits than this is rejected
 _WORST_CONDITION = 1e10
 
-#: values of functions that are kept, all points together
+#: values of functions that are retained, all points together
 _MOST_KEPT = 1 << 18
 
 _LEGENDRE = Basis.ORTHO_A
@@ -97,7 +97,7 @@ def order_of_space(
 class ShapeFunctions(ABC):
     """Functions on a reference element, one for each of its nodes.
 
-    order  of the least complete space that holds them
+    order  of the smallest complete space that holds them
     """
 
     order: int
@@ -105,7 +105,7 @@ class ShapeFunctions(ABC):
     def at(self, points: Floats) -> Floats:
         """(n, n_nodes) values at reference points (n, d), so that ``nodal_values @ at(points).T`` are those there.
 
-        A few tables are kept, for the steps of a solver have the same points.
+        A few tables are retained, for the steps of a solver have the same points.
         """
         own = np.asarray(points, np.float64)
         key = own.tobytes()

@@ -41,7 +41,7 @@ class Transfer:
     measures   the error of each, at points that no rule has used
     integrals  of each, before and after
     covered    the share of the target's measure that the source covers
-    halvings   how often boxes were halved at most
+    halvings   how often boxes were bisected at most
     residual   disagreement of rules in the end, as a share of an element's integral
     not_finite  ids of elements in which a field is nan
     """

@@ -148,7 +148,7 @@ def _print_version(context: click.Context, parameter: click.Parameter, value: bo
 
 
 class PluginGroup(click.Group):
-    """A group whose commands are the plugins of ``elvis.commands``, loaded when they are asked for."""
+    """A group whose commands are the plugins of ``elvis.commands``, loaded when they are requested."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Every name, sorted."""
@@ -216,7 +216,7 @@ def _showing_command(context: click.Context) -> str:
 
 
 def _commands(context: click.Context) -> dict[str, Plugin]:
-    """The plugins of ``elvis.commands``, looked for once in a run."""
+    """The plugins of ``elvis.commands``, searched for once in a run."""
     found: dict[str, Plugin] = context.meta.setdefault("elvis.commands", {})
     if not found:
         found.update(plugins("elvis.commands"))

@@ -30,7 +30,7 @@ from elvis.plugins.series.series import Series
 TAWSS = "TAWSS"
 #: name of the mean of the length of the part across the mean
 TRANSVERSE = "transWSS"
-#: steps that are kept in memory; others are read again for each set of points
+#: steps that are retained in memory; others are read again for each set of points
 _KEPT = 32
 
 
@@ -114,7 +114,7 @@ class WallStatisticsSource(BoundarySource):
             yield weight, np.stack([own.sample(block, component, points) for component in own.fields])
 
     def _source(self, number: int) -> BoundarySource:
-        """The boundary at a step; some steps are kept."""
+        """The boundary at a step; some steps are retained."""
         known = self._sources.get(number)
         if known is not None:
             return known

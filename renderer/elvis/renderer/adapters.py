@@ -1,4 +1,4 @@
-"""Devices that can be asked for: Vulkan and CUDA GPUs, Vulkan in software, slang's CPU target."""
+"""Devices that can be requested: Vulkan and CUDA GPUs, Vulkan in software, slang's CPU target."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ LEVELS = ("none", "default", "high", "maximal")
 FEATURES = {"double": "64-bit floats", "pointer": "addresses of buffers", "wave_ops": "operations across a wave"}
 #: slangpy-like name for the bytes that kernels can address in a bound buffer; Vulkan is queried directly
 REACH = "max_storage_buffer_range"
-#: limits that kernels need, as slangpy calls them -> least, in words; no shared memory is used
+#: limits that kernels need, as slangpy calls them -> smallest, in words; no shared memory is used
 LIMITS = {
     "max_compute_threads_per_group": (64, "threads in a group"),
     "max_compute_dispatch_thread_groups": (32768, "groups in a row"),
@@ -64,7 +64,7 @@ class UnfitError(DeviceError):
 
 @dataclass(frozen=True)
 class Adapter:
-    """A device that can be asked for by ``name`` (``vulkan:0``, ``cuda:0``, ``cpu``)."""
+    """A device that can be requested by ``name`` (``vulkan:0``, ``cuda:0``, ``cpu``)."""
 
     name: str
     label: str

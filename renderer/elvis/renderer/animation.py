@@ -168,7 +168,7 @@ class Film:
         return self._reader.submit(_read, series, moment)
 
     def _lacks_fields(self, moment: Moment, data: Dataset | Portion) -> bool:
-        """Whether data lack what the film shows; SceneError where nothing was shown yet, and the last step does too."""
+        """Whether data lack what the animation shows; SceneError if no step was shown and the last does too."""
         lack = self._lack(data)
         if not lack or self.series is None:
             return False

@@ -50,7 +50,7 @@ def is_in_picture(view: View, low: Floats, high: Floats) -> Bools:
 
 
 def pixels_within(view: View, low: Floats, high: Floats) -> tuple[Ints, Ints]:
-    """Least and greatest (n, 4) of the picture's pixels in bounds (n, 4)."""
+    """Minimum and maximum (n, 4) of the picture's pixels in bounds (n, 4)."""
     (left, top), (right, bottom) = view.first, view.last
     starts = np.array([left, top, left + top, left - bottom], np.float64)
     ends = np.array([right, bottom, right + bottom, right - top], np.float64)

@@ -75,7 +75,7 @@ def rows_reached(view: View, boxes: Boxes, around: int, extent: float) -> Ints:
     last is before the first where nothing is.
 
     around  pixels around one, in each direction, that it depends on
-    extent  the greatest coordinate of all data, in magnitude
+    extent  the largest coordinate of all data, in magnitude
     """
     every = [_rows_reached(view, boxes[some], around, extent) for some in chunks(len(boxes), _AT_ONCE)]
     return np.concatenate([np.empty((0, 2), np.int64), *every])

@@ -60,7 +60,7 @@ class Source(Protocol):
 
     @property
     def corners(self) -> Floats:
-        """(2, 3) least and greatest coordinates of vertices and of points of curves."""
+        """(2, 3) minimum and maximum coordinates of vertices and of points of curves."""
 
     def numbers(self, count: int) -> Mapping[Shape, NDArray[Any]]:
         """For each shape of the elements (n,) which of ``count`` parts each is in."""
@@ -168,12 +168,12 @@ class Bricks:
 
     @cached_property
     def whole(self) -> Dataset:
-        """All data, kept from when they are first asked for."""
+        """All data, kept from when they are first requested."""
         return self._open()
 
     @property
     def corners(self) -> Floats:
-        """(2, 3) least and greatest coordinates of all vertices and points of curves."""
+        """(2, 3) minimum and maximum coordinates of all vertices and points of curves."""
         return self._source.corners
 
     @cached_property

@@ -21,7 +21,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.files.keeping import make_private
 from elvis.core.files.output import write_text
 
-#: most bytes of modules that are kept: folders that were not used for longest go
+#: most bytes of modules that are retained: folders that were not used for longest go
 MOST_BYTES = 48 << 20
 #: how files end: modules, and their checksums
 _MODULE, _CHECKSUM = ".slang-module", ".sha256"

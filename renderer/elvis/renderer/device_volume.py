@@ -160,7 +160,7 @@ class DeviceVolume:
         return name if name in self.parts[number].quantities else None
 
     def bounds(self, number: int, quantity: str | None) -> tuple[Floats, Floats]:
-        """Certified least and greatest value of each element of a part, (n,) each; infinite where none are known.
+        """Certified minimum and maximum value of each element of a part, (n,) each; infinite where none are known.
 
         They are asked of the part once: every stage has them from here.
         """
@@ -218,5 +218,5 @@ def _outward(ends: Floats) -> NDArray[np.float32]:
 
 
 def greatest_of(boxes: Boxes) -> float:
-    """The greatest finite coordinate of boxes (n, 6), in magnitude."""
+    """The largest finite coordinate of boxes (n, 6), in magnitude."""
     return float(np.abs(boxes).max(initial=0.0, where=np.isfinite(boxes)))

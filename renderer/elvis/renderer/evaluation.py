@@ -266,7 +266,7 @@ def _rule(part: Part, modes: int) -> Cubature:
 def _sums(
     number: int, names: Sequence[str], rule: Cubature, volume: Volume, device: Renderer
 ) -> tuple[Floats, Floats, Floats]:
-    """Integrals of squares, least and greatest values of coordinates and quantities over a part, (k,) each."""
+    """Integrals of squares, minimum and maximum values of coordinates and quantities over a part, (k,) each."""
     part = volume.parts[number]
     elements = np.repeat(np.arange(len(part)), len(rule.weights))
     points = np.tile(rule.points, (len(part), 1))
@@ -298,7 +298,7 @@ def _sample(number: int, texts: Sequence[str], volume: Volume, device: Renderer)
 
 
 def _ranges(texts: Sequence[str], volume: Volume, sampled: Sequence[Sequence[Samples]]) -> dict[str, Any]:
-    """Certified bounds of each quantity, where all parts give them, and the least and greatest value of samples."""
+    """Certified bounds of each quantity, where all parts give them, and the minimum and maximum value of samples."""
     found: dict[str, Any] = {}
     for k, text in enumerate(texts):
         every = [part.quantities.get(text, part).bounds for part in volume.parts]

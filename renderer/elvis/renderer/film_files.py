@@ -1,7 +1,7 @@
-"""Frames and animations on disk: frames that are still valid are kept, animations are made from all of them.
+"""Frames and animations on disk: valid frames are reused, and animations are made from all of them.
 
-A folder of frames has a record, ``film.json``, of the contents of each.  A frame is kept if the record matches and the
-frame is newer than the data: so an interrupted run continues where it stopped.
+A folder of frames has a record, ``film.json``, of the contents of each.  A frame is reused if the record matches and
+the frame is newer than the data, so an interrupted run continues where it stopped.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from elvis.core.needing import require_module
 from elvis.core.terminal import note
 
 RECORD = "film.json"
-#: how films end
+#: how animations end
 FILMS = (".webp", ".mp4", ".gif")
 #: settings of WebP: lossless, as lossy animations keep traces of earlier frames where colours change little; a higher
 #: effort makes files a tenth smaller at twice the time
@@ -32,7 +32,7 @@ _FASTEST_GIF = 50
 
 
 def check_film(path: Path) -> None:
-    """ElvisError where a film can't be written, before any long work."""
+    """ElvisError where an animation can't be written, before any long work."""
     if path.suffix.lower() == ".mp4":
         require_module("av", "MP4", "video")
 
@@ -59,7 +59,7 @@ class FrameFolder:
         return [path for path in map(self.path, range(len(self.scenes))) if path.exists()]
 
     def begin(self) -> list[int]:
-        """The numbers of the frames that are to be drawn; others that are there and can't be kept are removed."""
+        """The numbers of the frames that are to be drawn; others that are there and can't be retained are removed."""
         self.folder.mkdir(parents=True, exist_ok=True)
         known = self._known()
         there = sorted(self.folder.glob("frame-*.png"))
@@ -131,7 +131,7 @@ def _newest(inputs: Sequence[Path]) -> int:
 
 
 def write_film(frames: FrameFolder, path: Path, rate: float) -> None:
-    """All frames as one film, by the suffix of its name.
+    """All frames as one animation, by the suffix of its name.
 
     rate  frames a second
     """

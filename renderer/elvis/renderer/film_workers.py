@@ -130,12 +130,12 @@ def camera_of_first(base: Scene, scenes: Sequence[Scene], is_kept: bool) -> Came
 
 
 def open_film(base: Scene, is_kept: bool) -> None:
-    """Read the data of a film in a worker."""
+    """Read the data of an animation in a worker."""
     _film(base, is_kept).open()
 
 
 def _film(base: Scene, is_kept: bool) -> Film:
-    """The film of this worker, which is opened once."""
+    """The animation of this worker, which is opened once."""
     key = repr(base), Path.cwd(), is_kept
     if key not in _OPEN:
         close_films()
@@ -144,7 +144,7 @@ def _film(base: Scene, is_kept: bool) -> Film:
 
 
 def close_films() -> None:
-    """Close the films of this worker.
+    """Close the animations of this worker.
 
     A process that ends with an open device may leave its memory to a thread of Mesa's, which runs when all others rest.
     """

@@ -18,7 +18,7 @@ from elvis.scene.quantities import quantities
 
 
 def note(frame: Frame, scene: Scene, data: Dataset | PluginData, remarks: Sequence[str]) -> Frame:
-    """The frame with the moment of its data and remarks: also that all faces stand in where nothing was asked for."""
+    """The frame with the moment of its data and remarks: also that all faces stand in where nothing was requested."""
     shown = frame.scene.objects
     if not scene.every_object and len(shown) == 1 and isinstance(shown[0], Faces):
         remarks = ("no objects are given, such as --plane or --cut: all outer faces are shown", *remarks)

@@ -105,7 +105,7 @@ class Gaps:
         return candidates
 
     def _bent_ones(self, number: int, sections: NDArray[Any]) -> NDArray[Any]:
-        """The sections of a part's strongly bent elements."""
+        """The sections of a part's strongly curved elements."""
         part = self._parts[number]
         if part.bends is None or part.solve is None or not len(sections):
             return sections[:0]

@@ -43,7 +43,7 @@ class Session:
     reference  as of `from_arrays`
     device     as of `render`
 
-    Results that depend on the mesh, the structure of bounds, kernels and the device are kept from step to step.
+    Results that depend on the mesh, the structure of bounds, kernels and the device are reused from step to step.
 
     Raises ElvisError for an invalid mesh, scene or trigger, before the solver has begun.
     """

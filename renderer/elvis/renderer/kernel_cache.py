@@ -1,7 +1,7 @@
 """Compiled kernels cached between processes, each in a file of its own with a checksum.
 
 Cached kernels are checked and copied to a private folder of this process, in which slangpy works; newly compiled ones
-are cached at once.  So a damaged file is noticed before it is used, concurrent processes don't disturb each other, and
+are cached at once.  So a damaged file is detected before it is used, concurrent processes don't disturb each other, and
 if files can't be written, everything works without the cache.
 """
 
@@ -53,7 +53,7 @@ class KernelCache:
 
     @property
     def is_empty(self) -> bool:
-        """Whether no kernel was ever kept, so that whatever is needed must be compiled."""
+        """Whether no kernel was ever stored, so that whatever is needed must be compiled."""
         return not self._known
 
     @property

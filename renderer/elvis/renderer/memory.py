@@ -1,4 +1,4 @@
-"""Memory of a device, kept from frame to frame: what nobody refers to any more serves the next buffer of its kind."""
+"""Memory of a device, reused from frame to frame: what nobody refers to any more serves the next buffer of its kind."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ class Pool:
 class Buffer:
     """Memory of a device: free for other buffers with the last reference to it, given back when the device is closed.
 
-    size  bytes that were asked for; there may be more
+    size  bytes that were requested; there may be more
     pool  where the memory is from, and goes to
     """
 

@@ -23,7 +23,7 @@ TURN = 360.0
 
 @dataclass(frozen=True)
 class Key:
-    """Values of a key of the scene at equal parts of the film, linear between.
+    """Values of a key of the scene at equal parts of the animation, linear between.
 
     values  (n,) numbers, or (n, k) of lists
     """
@@ -48,14 +48,14 @@ class Key:
         return cls(name, values)
 
     def at(self, share: float) -> tuple[str, str]:
-        """The key and its value, as `with_settings` takes them, at a share of the film from 0 to 1."""
+        """The key and its value, as `with_settings` takes them, at a share of the animation from 0 to 1."""
         place = share * (len(self.values) - 1)
         first = min(int(place), len(self.values) - 2)
         value = self.values[first] + (place - first) * (self.values[first + 1] - self.values[first])
         return self.name, json.dumps(value.tolist())
 
     def of_frame(self, number: int, count: int) -> tuple[str, str]:
-        """The key and its value in one of n frames; the last frame has the last value, unless the film is a loop."""
+        """The key and its value in one of n frames; the last has the last value, unless the animation is a loop."""
         is_loop = self.name == PHASE and self.values.ndim == 1 and (self.values[-1] - self.values[0]) % TURN == 0
         return self.at(number / (count if is_loop else max(1, count - 1)))
 
@@ -64,7 +64,7 @@ class Key:
 class Mode:
     """A key of the scene that oscillates once: amplitude · sin(2 pi t), with t from 0 to 1.
 
-    The frame after the last one would be the first one, so a film that is repeated has no seam.
+    The frame after the last one would be the first one, so an animation that is repeated has no seam.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Long work in dispatches of bounded time, so that time limits and interrupts are noticed while it goes on."""
+"""Long work in dispatches of bounded time, so that time limits and interrupts are detected while it goes on."""
 
 from __future__ import annotations
 

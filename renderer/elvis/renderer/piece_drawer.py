@@ -33,7 +33,7 @@ class _Prepared:
 
 
 class PieceDrawer(ABC, Generic[Shown]):
-    """Draws about pieces of lines in a loaded volume; what the last view saw of each object is kept."""
+    """Draws about pieces of lines in a loaded volume; what the last view saw of each object is retained."""
 
     #: names of the kernel and of its records
     kernel_name: ClassVar[str]

@@ -11,7 +11,7 @@ from elvis.core.streamlines.line_pieces import Pieces, bernstein_of, halved
 from elvis.renderer.ball_bounds import bounds_of_balls, is_in_picture, pixels_within
 from elvis.scene.view import View
 
-#: pixels of a piece's longer side above which it is halved, beyond four radii; how often at most, and next to the eye
+#: pixels of a piece's longer side above which it is bisected, beyond four radii; how often at most, and next to the eye
 _LARGE, _HALVINGS, _HALVINGS_HERE = 40.0, 12, 4
 
 

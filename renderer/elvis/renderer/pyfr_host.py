@@ -49,7 +49,7 @@ class Host:
         self._session = self._opened(str(intg.system.mesh.fname)) if rank == self._root else None
 
     def __call__(self, intg: Any) -> None:
-        """Draw a step that has been accepted, where it is one that is asked for."""
+        """Draw a step that has been accepted, where it is one that is requested."""
         step = int(intg.nacptsteps)
         if step % self._every:
             return

@@ -51,7 +51,7 @@ from elvis.scene.fitting import faced_plane, is_given
 from elvis.scene.quantities import quantities
 from elvis.scene.view import named_camera
 
-#: part of the greatest coordinate by which surfaces may be off
+#: part of the largest coordinate by which surfaces may be off
 _SLACK = 1e-9
 #: number of elements that are processed together if there are many
 _AT_ONCE = 1 << 16
@@ -373,7 +373,7 @@ def meets(surface: object, boxes: Boxes) -> Bools:
 
 
 def _greatest(boxes: Boxes) -> float:
-    """The greatest coordinate of boxes that are finite, but for its sign."""
+    """The largest coordinate of boxes that are finite, but for its sign."""
     return float(np.abs(boxes[np.isfinite(boxes).all(axis=1)]).max(initial=0.0))
 
 

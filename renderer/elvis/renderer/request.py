@@ -26,7 +26,7 @@ _SUFFIX = re.compile(r"\.[A-Za-z][A-Za-z0-9_]*$")
 def reading_of(scene: Scene, is_kept: bool = True) -> Reading:
     """How a scene wants its files read, and which moment of a series.
 
-    is_kept  whether conversions are kept
+    is_kept  whether conversions are cached
     """
     own = Reading(scene.plugin, pairs(scene.reader), is_kept, scene.moment, scene.others)
     deformation = None if scene.deform is None else scene.deform.deformation

@@ -44,7 +44,7 @@ def with_range(scene: Scene, is_kept: bool = True, series: Series | None = None,
 
 
 def range_over(text: str, series: Series, between: str = BETWEEN[0], ranks: Ranks = ALONE) -> tuple[float, float]:
-    """The least lower and the greatest upper bound of a quantity over all steps; SceneError where none is known.
+    """The smallest lower and the largest upper bound of a quantity over all steps; SceneError where none is known.
 
     between  how derivatives in time are found
     ranks    that each read their part of the steps

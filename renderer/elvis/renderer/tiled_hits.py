@@ -28,7 +28,7 @@ def listed_in_tiles(
 ) -> tuple[dict[str, Buffer], Ints]:
     """Buffers of records (n,) by the kernel's name of them, and of their tiles; how many each tile has to look at.
 
-    ends  the least and the greatest pixel (n, 2) that each reaches
+    ends  the minimum and the maximum pixel (n, 2) that each reaches
     """
     tiles, listed = bin_sections(*ends, kernel.dtype("tiles"), view)
     work = (tiles["end"] - tiles["first"]).astype(np.int64)

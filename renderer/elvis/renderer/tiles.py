@@ -106,7 +106,7 @@ def bin_sections(
     aligned[:, :2] = least[:, :2] // TILE * TILE
     pairs = tiles_of(aligned, most)
     for a, b, c in beside if beside is not None else ():
-        # the least of a x + b y in a tile
+        # the minimum of a x + b y in a tile
         most_left = c + (TILE - 1) * (np.maximum(-a, 0.0) + np.maximum(-b, 0.0))
         pairs = pairs[~(a[pairs.section] * pairs.x + b[pairs.section] * pairs.y > most_left[pairs.section])]
 
@@ -143,7 +143,7 @@ def order_of(keys: NDArray[Any]) -> NDArray[np.int64]:
 
 
 def empty_tiles(places: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Tile records at places (n,) whose list is not looked at."""
+    """Tile records at places (n,) whose list is not examined."""
     zeros = np.zeros(len(places))
     return _records(*corners_of(places), zeros, zeros, dtype)
 

@@ -17,7 +17,7 @@ from elvis.renderer.tiles import Sections
 from elvis.scene.conditioning import misplaced
 from elvis.scene.view import View
 
-#: hits, and ends of segments, are one where they lie nearer than this part of the greatest coordinate
+#: hits, and ends of segments, are one where they lie nearer than this part of the largest coordinate
 APART = 1e-11
 #: part of values that is rounding where a plugin says nothing of it
 ROUNDING = 1e-13
@@ -144,7 +144,7 @@ def _line(degree: int) -> dict[str, Floats]:
     places    (degree + 1 + MORE,) more
     fit       matrix from values there to the Bernstein coefficients of a Chebyshev series, then to the terms that
               it lacks
-    net_size  (1,) the greatest sum of magnitudes in a row of ``net``
+    net_size  (1,) the largest sum of magnitudes in a row of ``net``
     """
     nodes = _extrema(degree)
     net = np.linalg.inv(bernstein_values(BernsteinSpace(Shape.SEGMENT, (degree,)), nodes[:, None]))

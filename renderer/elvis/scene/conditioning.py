@@ -21,7 +21,7 @@ _NEAR = 1e-6
 def misplaced(view: View, extent: float) -> float:
     """How far places may be from where they are computed to be, in world units.
 
-    extent  the greatest coordinate of the data, in magnitude
+    extent  the largest coordinate of the data, in magnitude
     """
     return _ROUNDINGS * EPSILON * (extent + float(np.abs(view.camera.eye).max()))
 

@@ -13,12 +13,12 @@ from elvis.scene import Camera, CutSurface, Faces, Glyphs, Implicit, Plane, Scen
 from elvis.scene.errors import AbsentError, SceneError
 from elvis.scene.view import MARGIN, fit_camera, named_camera
 
-#: width and height of automatic pictures in pixels, and the least of either
+#: width and height of automatic pictures in pixels, and the minimum of either
 LARGEST, LEAST = (1000, 800), 160
-#: a glance has this many times fewer pixels in each direction, and more if it would exceed GLANCE_PIXELS; it has at
+#: a preview has this many times fewer pixels in each direction, and more if it would exceed GLANCE_PIXELS; it has at
 #: least LEAST in each direction, or for elements, which are not thin lines, as many as a smaller picture
 GLANCE, GLANCE_PIXELS = 4, 1 << 21
-#: most glances
+#: most previews
 GLANCES = 4
 #: pairs of corners k = x + 2 y + 4 z of a box that an edge joins
 _EDGES = np.array([(k, k + step) for step in (1, 2, 4) for k in range(8) if not k & step])
@@ -133,7 +133,7 @@ def _corners(boxes: Boxes) -> Floats:
 
 
 def _extent(mask: Bools, scene: Scene) -> Floats:
-    """(2, 2) least and greatest coordinates of the pixels of a mask along the camera's right and up axes."""
+    """(2, 2) minimum and maximum coordinates of the pixels of a mask along the camera's right and up axes."""
     camera = scene.camera
     assert isinstance(camera, Camera)
     assert camera.height is not None

@@ -36,7 +36,7 @@ RADIUS = 0.003
 _HEAD_RADII, _HEAD_WIDTHS, _HEAD_DIAGONALS, _HEAD_WIDE = 8.0, 0.6, 0.02, 0.3
 #: what lines are: of streamlines and cores, of particles since when, how many releases of them, along which wall
 _Key: TypeAlias = tuple[Course, float | None, int | None, CoreLimits | None, str | None]
-#: courses in the same data whose lines are kept
+#: courses in the same data whose lines are retained
 _MOST = 8
 _KNOWN: WeakKeyDictionary[FlowSource, dict[_Key, Curves]] = WeakKeyDictionary()
 _HEADS: WeakKeyDictionary[Curves, dict[tuple[float, str, float], Frusta]] = WeakKeyDictionary()

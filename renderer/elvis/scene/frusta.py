@@ -28,7 +28,7 @@ LENGTH = 0.05
 _SHAFT, _HEAD, _WITHIN = 0.4, 3.0, 0.3
 #: maximum length of the glyph in the key, relative to the width of the picture
 KEY = 0.2
-#: objects in the same data whose solids are kept
+#: objects in the same data whose solids are retained
 _MOST = 8
 _KNOWN: WeakKeyDictionary[FlowSource, dict[Glyphs, Frusta]] = WeakKeyDictionary()
 
@@ -152,7 +152,7 @@ def keys_of(data: FlowSource, scene: Scene, view: View) -> tuple[Legend, ...]:
 
 
 def _round_below(value: float) -> float:
-    """The greatest of 1, 2 and 5 times a power of ten that is not above a positive value."""
+    """The maximum of 1, 2 and 5 times a power of ten that is not above a positive value."""
     power = 10.0 ** math.floor(math.log10(value))
     return max(factor * power for factor in (0.5, 1.0, 2.0, 5.0) if factor * power <= value * (1 + 1e-12))
 

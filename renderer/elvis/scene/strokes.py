@@ -19,7 +19,7 @@ SAME = 0.04
 STRAIGHT = 0.005
 #: how far from where borders meet the distances to them are those to single ones, in pixels
 ROOM = 2.5
-#: least change of a distance from pixel to pixel by which a border beyond is found
+#: smallest change of a distance from pixel to pixel by which a border beyond is found
 SLOPE = 0.05
 
 

@@ -298,7 +298,7 @@ class _Drawing:
         }
 
     def _seen(self, _: int, __: Any) -> list[list[float]] | None:
-        """Least and greatest coordinates of what the last whole picture shows; None where that is nothing."""
+        """Minimum and maximum coordinates of what the last whole picture shows; None where that is nothing."""
         frame = self._frame
         if frame is None or not frame.seen.any():
             return None
@@ -385,7 +385,7 @@ class _Drawing:
         return self._histograms[text]
 
     def _extrema(self, _: int, text: str) -> list[Table]:
-        """The least and the greatest value of a quantity over all elements, and where they are."""
+        """The minimum and the maximum value of a quantity over all elements, and where they are."""
         from elvis.core.quantities import Expression
         from elvis.core.quantity_extrema import quantity_extrema
 

@@ -89,7 +89,7 @@ class Moments:
         return [] if self.series is None else [float(time) for time in self.series.times]
 
     def look(self) -> bool:
-        """Whether there is a newer step of a run; it is shown where no other moment is asked for."""
+        """Whether there is a newer step of a run; it is shown where no other moment is requested."""
         found = None if self._following is None else self._following.look()
         if found is None or self._following is None:
             return False

@@ -227,7 +227,7 @@ async def serve(
     idle: float | None,
     needs_data: bool = False,
 ) -> None:
-    """Serve until it is cancelled, or nobody has looked for ``idle`` seconds.
+    """Serve until it is cancelled, or no page has been open for ``idle`` seconds.
 
     opened      called with the address once it can be opened
     needs_data  whether data that can't be read end it, by an ElvisError; else pages show why, until they can be read

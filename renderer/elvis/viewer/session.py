@@ -84,7 +84,7 @@ class Session:
         self.message: bytes | None = None
         self.revision = 0
         self.is_proof = False
-        #: objects that are kept, but not shown
+        #: objects that are retained, but not shown
         self.hidden: tuple[Table, ...] = ()
         self._undo: list[Shown] = []
         self._redo: list[Shown] = []
@@ -444,7 +444,7 @@ class Session:
 
     @contextmanager
     def _giving_up(self, may_be_late: bool) -> Iterator[None]:
-        """Give up the picture that is asked for once it is late."""
+        """Give up the requested picture once it is late."""
         if not may_be_late:
             yield
             return

@@ -155,7 +155,7 @@ class CoreSearch:
         return Boxes.whole(rows, nets[0], nets[1], least, self.parallel.criterion == "acceleration")
 
     def _left(self, boxes: Boxes) -> Boxes:
-        """The boxes that must be halved, when points of cores in others are noted."""
+        """The boxes that must be bisected, when points of cores in others are noted."""
         boxes = boxes.part(~turns_less(boxes))
         ways = (by_rotation,) if self.parallel.criterion == "vorticity" else (by_velocity, by_eigenvalue)
         for way in ways:

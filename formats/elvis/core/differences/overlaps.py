@@ -141,7 +141,7 @@ class _Pairs:
         return bound
 
     def _near(self, boxes: PairBoxes) -> Iterator[PairBoxes]:
-        """Boxes, halved where they reach so far beyond the other element that values are rounded too much."""
+        """Boxes, bisected where they reach so far beyond the other element that values are rounded too much."""
         composition, step = self._composition, max(1, _BATCH // self._composition.count)
         size = np.abs(self._outer.net).max() + np.abs(self._inner.net).max()
         ready = []
@@ -160,7 +160,7 @@ class _Pairs:
             yield boxes.part(np.arange(first, min(first + step, len(boxes))))
 
     def _halved(self, boxes: PairBoxes, composed: Composed) -> float:
-        """The bound on boxes with nets of differences, which are halved."""
+        """The bound on boxes with nets of differences, which are bisected."""
         bound, nets, limit, slack = 0.0, composed.nets, composed.limit, composed.slack
         boxes = boxes.without_fields()
         self._search.budget -= nets.size

@@ -13,7 +13,7 @@ def least(corners: int, bend: Floats, gradient: Floats) -> Floats:
 
     bend (n, 3)      its entries ss, st, tt
     gradient (n, 2)
-    Where the function is not convex, the least of all points on the sides.
+    Where the function is not convex, the minimum of all points on the sides.
     """
     result, lowest = np.zeros_like(gradient), np.full(len(gradient), np.inf)
     own = CORNERS[corners]

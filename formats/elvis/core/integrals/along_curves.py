@@ -1,7 +1,7 @@
 """Integrals along curves through elements, which are located at every point of Gauss rules.
 
-Borders of elements make kinks and jumps at places that are not known; intervals on which rules differ are halved until
-all differences together are less than the error asked for.
+Borders of elements make kinks and jumps at unknown places; intervals on which rules differ are bisected until
+all differences together are less than the requested error.
 """
 
 from __future__ import annotations

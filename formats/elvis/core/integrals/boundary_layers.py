@@ -2,7 +2,7 @@
 
 With the speed u at the height y above the wall, and U at the end of the curve:
 
-    delta99    the least y with u = 0.99 U
+    delta99    the smallest y with u = 0.99 U
     delta*     integral of 1 - u/U
     theta      integral of u/U (1 - u/U)
     H          delta* / theta

@@ -107,7 +107,7 @@ def _between(breaks: Floats, count: int) -> tuple[Ints, Floats, Floats]:
 def roots(coefficients: Floats) -> Floats:
     """(n,) roots in [0, 1] of polynomials with Bernstein coefficients (n, D) whose ends differ in sign; 1 for others.
 
-    Newton's method in a bracket that shrinks, which is halved where a step leaves it.
+    Newton's method in a bracket that shrinks, which is bisected where a step leaves it.
     """
     found = np.ones(len(coefficients))
     rest = np.flatnonzero((coefficients[:, 0] >= 0) != (coefficients[:, -1] >= 0))

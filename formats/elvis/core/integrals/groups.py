@@ -18,7 +18,7 @@ from elvis.core.integrals.level_error import LevelRules
 
 #: Gauss points in a direction by which further rules have more that are compared
 COMPARED = (1, 2)
-#: boxes are halved in directions that have this part of the largest share of the error
+#: boxes are bisected in directions that have this part of the largest share of the error
 _ALIKE = 0.25
 #: or, where only intervals bound it, that reduce it by this part of the largest reduction
 _AS_GOOD = 0.5
@@ -264,7 +264,7 @@ class Bounded(Group):
         return id(self.rules), *self.numbers, self.steps, self.is_final, self.is_guess
 
     def scores(self, goals: Floats) -> Floats:
-        """As in `Group`; none of boxes that can't be halved."""
+        """As in `Group`; none of boxes that can't be bisected."""
         return np.zeros(len(self)) if self.is_final else super().scores(goals)
 
     @staticmethod
@@ -300,7 +300,7 @@ class Bounded(Group):
         return steps, is_enough.any(axis=2).all(axis=1) & is_worth & is_new
 
     def halving(self, allowed: Floats) -> Bools:
-        """(n, d) the directions in which boxes are best halved, none of them too small ones."""
+        """(n, d) the directions in which boxes are best bisected, none of them too small ones."""
         with np.errstate(all="ignore"):
             shares = (self.bounds.errors[..., 1] / allowed[:, None]).max(axis=1)
         is_known = np.isfinite(shares).all(axis=1) & (shares > 0).any(axis=1)

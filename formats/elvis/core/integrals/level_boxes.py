@@ -27,7 +27,7 @@ from elvis.core.polynomials.quadrature import gauss
 from elvis.core.quantities.element_points import ElementPoints
 from elvis.core.quantities.tree import Node
 
-#: how often a box is halved until its signs must be known, and how many boxes are halved: at least, and for each box
+#: bisections of a box until its signs must be known, and how many boxes are bisected: at least, and for each box
 #: at first
 _DEPTH, _MANY, _MANY_OF_ONE = 24, 1 << 13, 8
 #: tests of boxes and their halves at first, and of halves that are made because the error is large
@@ -46,7 +46,7 @@ _COLUMNS = (
     *("rows", "cell", "low", "high", "nets", "band", "age", "rounding", "sizes", "order"),
     *("is_proved", "is_lost", "several", "further", "shift", "change", "share"),
 )
-#: parts of the side of a cell below which boxes are not halved
+#: parts of the side of a cell below which boxes are not bisected
 _LEAST_SIDE = 2.0**-43
 
 
@@ -140,13 +140,13 @@ class LevelBoxes:
         return np.asarray(is_single & ((self.high - self.low).min(axis=1) > 2 * _LEAST_SIDE))[:, None]
 
     def halves(self) -> LevelBoxes:
-        """The boxes halved in every direction, as far as the surface meets them."""
+        """The boxes bisected in every direction, as far as the surface meets them."""
         return self.halved(np.ones((len(self), self.patch.shape.dimension), bool), _DEPTH)
 
     def halved(self, directions: Bools, tests: int = _FURTHER) -> LevelBoxes:
         """Halves in directions i, j, k (n, 1 to 3) where that is requested, as far as the surface meets them.
 
-        On surfaces k is halved with all others, so that boxes keep their form.
+        On surfaces k is bisected with all others, so that boxes keep their form.
         """
         if not self.is_filled and directions.shape[1] < self.patch.shape.dimension:
             directions = np.concatenate([directions, directions.all(axis=1, keepdims=True)], axis=1)
@@ -160,7 +160,7 @@ class LevelBoxes:
         return joined([self.part(is_kept), halves.resolved(tests)])
 
     def _halved(self, is_flat: Bools | None = None) -> LevelBoxes:
-        """The boxes halved in every direction, but for those (n, 3) in which g hardly changes."""
+        """The boxes bisected in every direction, but for those (n, 3) in which g hardly changes."""
         parts = self
         flat = np.zeros((len(self), 3), bool) if is_flat is None else is_flat
         for axis in range(3):
@@ -187,7 +187,7 @@ class LevelBoxes:
         return np.asarray(changes < _FLAT * changes.max(axis=1, keepdims=True))
 
     def resolved(self, tests: int = _DEPTH) -> LevelBoxes:
-        """The boxes that g = 0 meets, halved until it is a graph in each; boxes that can't be are given up.
+        """The boxes that g = 0 meets, bisected until it is a graph in each; boxes that can't be are given up.
 
         tests  of boxes and their halves
         """
@@ -208,7 +208,7 @@ class LevelBoxes:
         return joined([*found, boxes.given_up()])
 
     def finished(self) -> LevelBoxes:
-        """The boxes, and lost ones halved as often as is useful."""
+        """The boxes, and lost ones bisected as often as is useful."""
         is_left = self.is_lost & (self.several == 1) & (self.further == 0)
         return joined([self.part(~is_left), self.part(is_left).resolved()])
 

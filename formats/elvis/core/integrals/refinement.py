@@ -78,7 +78,7 @@ _ON_SURFACES = 3
 
 
 class _Batch(NamedTuple):
-    """Integrals over some boxes, places where expressions have no value, and, where they are asked for, bounds."""
+    """Integrals over some boxes, places where expressions have no value, and, where they are requested, bounds."""
 
     integrals: BoxIntegrals
     missing: dict[int, Floats]

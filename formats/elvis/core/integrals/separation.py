@@ -12,7 +12,7 @@ from elvis.core.polynomials.boxnets import halves
 from elvis.core.quantities.regions import Region
 from elvis.core.quantities.tree import Node
 
-#: halvings of boxes in which several polynomials change their signs, and how many such boxes may be halved: at least,
+#: halvings of boxes in which several polynomials change their signs, and how many such boxes may be bisected: at least,
 #: and for each box at first
 _DEPTH = 16
 _MOST = 1 << 10
@@ -89,7 +89,7 @@ class Separated:
 
 
 def separated(regions: Sequence[Region], boxes: CellBoxes) -> Separated:
-    """Boxes halved until one polynomial at most changes its sign in each, or they are too many.
+    """Boxes bisected until one polynomial at most changes its sign in each, or they are too many.
 
     regions  that have no part in common
     """

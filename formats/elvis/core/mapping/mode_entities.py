@@ -1,6 +1,6 @@
 """Which Modified modes belong to the vertices, edges, faces and the inside of an element (format notes 2.4).
 
-A mode belongs to the least entity outside whose closure it may vanish: vertex modes are 1 at one vertex and 0 at the
+A mode belongs to the smallest entity outside whose closure it may vanish: vertex modes are 1 at one vertex and 0 at the
 others, edge modes vanish on all other edges, face modes on all other faces.
 """
 

@@ -35,7 +35,7 @@ _FACTORS: Mapping[Shape, tuple[tuple[Shape, tuple[int, ...]], ...]] = {
     Shape.HEXAHEDRON: ((Shape.SEGMENT, (0,)), (Shape.SEGMENT, (1,)), (Shape.SEGMENT, (2,))),
 }
 
-#: a fit that loses more digits than this is refused
+#: a fit that loses more digits than this is rejected
 _WORST_CONDITION = 1e9
 
 #: numbers in a matrix beyond which an order is absurd

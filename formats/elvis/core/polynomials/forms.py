@@ -22,7 +22,7 @@ Form: TypeAlias = tuple[list[int], int, float]
 
 
 def forms(factors: Factors) -> list[Form]:
-    """The exact form of each factor; raises FormatError for Fourier modes, which are no polynomials."""
+    """The exact form of each factor; raises FormatError for Fourier modes, which are not polynomials."""
     if isinstance(factors, JacobiFactors):
         return [(_jacobi_form(row), 1, float(scale)) for row, scale in zip(factors.rows, factors.scales, strict=True)]
     if not isinstance(factors, LineFactors):

@@ -58,7 +58,7 @@ def raising_roundings(sizes: Sequence[int]) -> int:
 
 
 def halving_roundings(sizes: Sequence[int]) -> int:
-    """Roundings of a coefficient when a net of these sizes is halved in every direction: weights are exact."""
+    """Roundings of a coefficient when a net of these sizes is bisected in every direction: weights are exact."""
     return sum(sizes)
 
 

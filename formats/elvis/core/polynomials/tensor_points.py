@@ -59,7 +59,7 @@ def _batches(
 
 
 def _tables(expansion: Expansion, points: Floats, derivatives: bool) -> list[Floats]:
-    """For each direction (n, 1 or 2, k) values of its factors, and derivatives where these are asked for."""
+    """For each direction (n, 1 or 2, k) values of its factors, and derivatives where these are requested."""
     plan, count = product_plan(expansion), len(points)
     # directions with the same factors are tabulated together
     if len(set(zip(expansion.bases, expansion.modes, strict=True))) == 1:
@@ -70,7 +70,7 @@ def _tables(expansion: Expansion, points: Floats, derivatives: bool) -> list[Flo
 
 
 def _table(factors: Factors, lines: Ints, points: Floats, derivatives: bool) -> Floats:
-    """(n, 1 or 2, k) values of the factors of a direction's modes, and derivatives where these are asked for."""
+    """(n, 1 or 2, k) values of the factors of a direction's modes, and derivatives where these are requested."""
     tables = factors.tables(points)[:2] if derivatives else (factors.values(points),)
     return np.stack([table[lines].T for table in tables], axis=1)
 

@@ -1,6 +1,6 @@
 """Certified ranges of expressions: interval arithmetic on Bernstein bounds of fields, map and derivatives.
 
-Elements that may hold an extreme are halved, as in `elvis.core.ranges`; the gap shrinks with the size of the boxes.
+Elements that may hold an extreme are bisected, as in `elvis.core.ranges`; the gap shrinks with the size of the boxes.
 """
 
 from __future__ import annotations

@@ -71,7 +71,7 @@ class Cells:
         return replace(self, rows=self.rows[chosen], low=self.low[chosen], high=self.high[chosen], nets=nets)
 
     def halves(self) -> Cells:
-        """The boxes halved in every direction."""
+        """The boxes bisected in every direction."""
         low, high = all_half_boxes(self.low, self.high)
         nets = {key: all_halves(net) for key, net in self.nets.items()}
         return replace(self, rows=np.tile(self.rows, len(low) // len(self)), low=low, high=high, nets=nets)

@@ -150,7 +150,7 @@ def _quotient(numerator: Floats, denominator: Floats) -> Floats:
 
 
 def _geometric(squares: Floats) -> Floats:
-    """(n,) q / (1 - q), with q limited by the least rate."""
+    """(n,) q / (1 - q), with q limited by the smallest rate."""
     bounded = np.minimum(squares, np.exp(-4 * LEAST_RATE))
     return np.asarray(bounded / (1 - bounded))
 

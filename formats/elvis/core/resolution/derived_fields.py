@@ -13,7 +13,7 @@ from elvis.core.resolution.averaging import averaged
 from elvis.core.resolution.recovery import enriched
 from elvis.core.resolution.truncation import truncated
 
-#: name under which the enriched field is kept
+#: name of the enriched field
 _ENRICHED = "enriched"
 
 

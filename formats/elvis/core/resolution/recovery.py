@@ -270,7 +270,7 @@ class _VertexFits:
         return np.setdiff1d(waiting, taking) if len(taking) else waiting[:0]
 
     def _fitted(self, vertices: Ints, near: sparse.csr_matrix) -> Bools:
-        """(n,) whether elements ``near`` vertices leave polynomials undetermined; these have the least coefficients."""
+        """(n,) whether elements ``near`` vertices leave polynomials undetermined; these get minimal coefficients."""
         starts = near.indptr[:-1]
         low = np.minimum.reduceat(self._low[near.indices], starts)
         high = np.maximum.reduceat(self._high[near.indices], starts)

@@ -29,7 +29,7 @@ from elvis.core.streamlines.velocity import Velocity
 DEVIATION = 1e-13
 #: maximum number of bisections of a step
 _HALVINGS = 8
-#: number of points of the interpolation: its series is known to twice the degree that is kept, but one
+#: number of points of the interpolation: its series is known to twice the degree that is retained, but one
 _COUNT = 15
 #: steps worked on at once
 _AT_ONCE = 1 << 14

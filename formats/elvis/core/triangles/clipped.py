@@ -71,7 +71,7 @@ def _edges(triangles: Ints) -> tuple[Ints, Ints]:
 
 
 def _halved(surface: SurfaceTriangles, edges: Ints, number: Ints, marked: Bools) -> SurfaceTriangles:
-    """The surface with marked edges (k,) halved: triangles become as many as they have marked edges, and one more."""
+    """The surface with marked edges (k,) bisected: triangles become as many as they have marked edges, and one more."""
     middles = np.full(len(edges), -1)
     middles[marked] = len(surface.points) + np.arange(int(marked.sum()))
     grown = _between(surface, edges[marked], np.full(int(marked.sum()), 0.5))

@@ -39,7 +39,7 @@ _FLAT = 1e-12
 _LEVELS_ALIKE, _LEAST_RATIO, _MOST_RATIO = 4, 0.6, 2.5
 #: maximum number of boxes examined together, and maximum bisections of cells
 _MOST_BOXES, _MOST_HALVINGS = 1 << 17, 12
-#: elements of a block at most, and boxes that are halved at a time
+#: elements of a block at most, and boxes that are bisected at a time
 _ELEMENTS, _AT_ONCE = 128, 1 << 12
 #: factor by which numbers of boxes may seem larger at first than in the end
 _SLACK = 64
@@ -51,7 +51,7 @@ class CellBlock:
 
     patch   number of the patch
     cell    number of the cell in the shape
-    splits  halvings in each direction before all directions are halved together
+    splits  halvings in each direction before all directions are bisected together
     rows    (n,) of the patch
     index   (n, 3) counts boxes of their size from the cell's corner
     levels  (n, D, D, D) nets of q
@@ -184,7 +184,7 @@ def _has_one_sign(nets: Floats) -> Bools:
 
 
 def boxes_at(block: CellBlock, depth: int) -> CellBoxes:
-    """The boxes of a depth that may have a zero; some at a time are halved, so that few nets are held."""
+    """The boxes of a depth that may have a zero; some at a time are bisected, so that few nets are held."""
     rows, indices, bounds = [np.empty(0, np.int64)], [np.empty((0, 3), np.int64)], [np.empty(0)]
     waiting = [(block, 0)]
     while waiting:

@@ -1,6 +1,6 @@
 """Triangles of the surface q = 0: boxes that may meet it, cut into tetrahedra, with zeros on their edges.
 
-All cells are halved equally often, until bounds show that triangles are within the tolerance.  Corners that elements
+All cells are bisected equally often, until bounds show that triangles are within the tolerance.  Corners that elements
 share have one number, so neighbours cut their common face alike and share its edges; on an edge whose ends differ in
 sign the zero is found to rounding.  Triangles then meet along common edges wherever q is continuous.
 """

@@ -41,7 +41,7 @@ from elvis.core.validity.squares import lower_bound
 TOLERANCE = 1e-6
 #: share of it by which the bound from below lies below the root, and that from above above it
 BELOW, ABOVE = 0.6, 0.1
-#: largest factor that is looked at, relative to the one at which displacements are as large as elements
+#: largest factor that is examined, relative to the one at which displacements are as large as elements
 FARTHEST = 1e6
 #: candidates and bisections after which the bounds that are known are returned
 MOST_STEPS = 60

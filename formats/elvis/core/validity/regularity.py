@@ -101,7 +101,7 @@ def _upward(nets: list[Floats], world: int) -> list[Floats]:
 def _pass(controls: Floats, error: Floats, level: int = 0) -> Bools:
     """(b,) whether J is regular on boxes with control matrices (b, d, k, D1, …, Dk) that may be off by ``error`` (b,).
 
-    level  how often they were halved
+    level  how often they were bisected
     """
     if not len(controls):
         return np.empty(0, bool)

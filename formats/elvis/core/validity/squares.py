@@ -46,7 +46,7 @@ def descended(net: Floats, start: Floats) -> Minimum:
     """The value at the end of a descent in the box from ``start`` (d,), at most the value there.
 
     Newton's method with the absolute values of the Hessian's eigenvalues, in the directions in which the box does not
-    end there; a step is halved until it descends.
+    end there; a step is bisected until it descends.
     """
     place, (value, gradient, hessian) = start, _taylor(net, start)
     for _ in range(_STEPS):
@@ -77,7 +77,7 @@ def _shorten(place: Floats, step: Floats) -> Iterator[Floats]:
 def lower_bound(net: Floats, goal: float) -> float:
     """A lower bound of the polynomial with a box net (D1, …, Dd), at least ``goal`` if that can be shown.
 
-    The box with the lowest bound is halved, again and again.
+    The box with the lowest bound is bisected, again and again.
     """
     number = count()  # the first of equal bounds, as arrays cannot be compared
     boxes = [(_bound(net, goal), next(number), net)]

@@ -244,7 +244,7 @@ def _quick_facts(block: GeometryBlock) -> _Facts:
 
 
 def _exact_facts(block: GeometryBlock, space: int) -> _Facts:
-    """Facts from the Bernstein coefficients of determinants, halved where these leave the sign in doubt."""
+    """Facts from the Bernstein coefficients of determinants, bisected where these leave the sign in doubt."""
     shape = block.expansion.shape
     with np.errstate(invalid="ignore", over="ignore"):
         found = determinant(block.expansion, block.coefficients, space)

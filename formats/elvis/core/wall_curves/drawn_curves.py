@@ -46,7 +46,7 @@ def drawn_curves(dataset: Dataset, name: str) -> Curves:
 
 
 def _parts(curve: WallCurve, line: int, most: float) -> Iterator[Pieces]:
-    """A curve's segments, halved until polynomials deviate by ``most`` at most."""
+    """A curve's segments, bisected until polynomials deviate by ``most`` at most."""
     low = np.arange(len(curve.row), dtype=np.float64)
     high = low + 1
     for halving in range(_HALVINGS + 1):

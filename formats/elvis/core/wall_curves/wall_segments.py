@@ -159,7 +159,7 @@ class Graphs:
         return self.parts.middle[part] + size * points, size * run[:, None] * (along + rise[:, None] * up)
 
     def _heights(self, part: Ints, u: Floats, along: Floats, up: Floats) -> Floats:
-        """(n,) v of the zeros: Newton's method in a bracket, which is halved where a step leaves it."""
+        """(n,) v of the zeros: Newton's method in a bracket, which is bisected where a step leaves it."""
         base = u[:, None] * along
         low, high = self.parts.chords(part, base, up)
         v = (low + high) / 2

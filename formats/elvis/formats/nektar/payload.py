@@ -35,7 +35,7 @@ def decode_exactly(text: memoryview, items: int, first: int | None = None) -> ND
 
     first  number of items requested from the beginning: the rest is not examined
 
-    Raises FormatError if the text is no base64, the stream is damaged or ends early, or holds another number of items.
+    Raises FormatError if the text is not base64, the stream is damaged or ends early, or holds another number of items.
     """
     check_possible(text, items)
     out, filled = np.empty(8 * (items if first is None else first), np.uint8), 0

@@ -11,7 +11,7 @@ from elvis.core.polynomials.bernstein import bernstein_values
 from elvis.plugins.faces.faces import FaceBlock
 from elvis.plugins.faces.nets import FaceSpace, face_space, symmetries
 
-#: share of the greatest coordinate within which two sides are one
+#: share of the largest coordinate within which two sides are one
 CLOSE = 1e-10
 #: pairs of faces that are compared together
 _AT_ONCE = 1 << 12

@@ -33,7 +33,7 @@ from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.expansion import values_and_gradients
 from elvis.core.shapes import Shape
 
-#: greatest b of a map that counts as affine
+#: largest b of a map that counts as affine
 _AFFINE = 1e-9
 #: the bounds hold a little beyond the border of the element
 BEYOND = 1.25
@@ -155,7 +155,7 @@ def _matrix(space: BernsteinSpace, directions: tuple[int, ...], beyond: float) -
 
 @bounded_cache
 def net_of_xi(space: BernsteinSpace) -> Floats:
-    """(count, d) the net of xi itself: for each function of the space the point of its greatest value."""
+    """(count, d) the net of xi itself: for each function of the space the point of its largest value."""
     tops = space.powers.max(axis=0)
     eta = 2 * space.powers / np.maximum(tops, 1) - 1
     return frozen_floats(uncollapse(space.shape, eta) if space.shape is Shape.PYRAMID else eta)

@@ -440,7 +440,7 @@ class Elements:
 
 
 def _bounds(net: Floats, space: BernsteinSpace, rounding: Callable[[], Floats]) -> tuple[Floats, Floats]:
-    """(n,) least and greatest Bernstein coefficient of each element, apart by their rounding."""
+    """(n,) minimum and maximum Bernstein coefficient of each element, apart by their rounding."""
     low, high = np.empty(len(net)), np.empty(len(net))
     for part in even_chunks(len(net), _AT_ONCE // space.count):
         plain = net[part].reshape(-1, space.count) / weights(space)

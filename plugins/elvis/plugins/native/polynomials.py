@@ -50,7 +50,7 @@ class Net:
 
     @property
     def size(self) -> Floats:
-        """(n,) the greatest magnitude of a coefficient."""
+        """(n,) the largest magnitude of a coefficient."""
         return np.asarray(np.abs(self.coefficients).max(axis=0, initial=0.0))
 
     def elevate(self, space: BernsteinSpace) -> Net:
@@ -141,7 +141,7 @@ class Leaves:
 
     @cached_property
     def _affine(self) -> tuple[Floats, Floats] | None:
-        """Jacobians (n, d, d) of affine maps, and how far they are off (n,); None where a map is bent."""
+        """Jacobians (n, d, d) of affine maps, and how far they are off (n,); None where a map is curved."""
         if not _may_be_affine(self.patch):
             return None
         jacobians, bent = mean_jacobians(self.patch, self.rows)
@@ -254,7 +254,7 @@ def _power(net: Net, exponent: int) -> Net | None:
 
 
 def _sum(first: Net, second: Net) -> Net:
-    """The sum, in the least space that contains both."""
+    """The sum, in the smallest space that contains both."""
     degrees = tuple(map(max, first.space.degrees, second.space.degrees))
     space = BernsteinSpace(first.space.shape, degrees)
     one, other = first.elevate(space), second.elevate(space)

@@ -33,7 +33,7 @@ class Region(Protocol):
     """Bounds of derivatives in reference coordinates of polynomials with nets (n, ..., count), each in its place."""
 
     def ends(self, nets: Floats, directions: tuple[int, ...], less: float = 0.0) -> Interval:
-        """Least and greatest value (n, ...) of a derivative, less a number; infinite where nothing is known."""
+        """Minimum and maximum value (n, ...) of a derivative, less a number; infinite where nothing is known."""
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from elvis.core.quantities.intervals import Interval, number
 from elvis.core.quantities.tree import Node, fold, whole_exponent
 from elvis.core.shapes import Shape
 
-#: modes this much smaller than the greatest one are none of a constant
+#: modes this much smaller than the largest one are none of a constant
 _SMALL = 1e-3
 
 
@@ -31,12 +31,12 @@ def operations(space: BernsteinSpace) -> int:
 
     For each direction 5 p + 2 are enough (Higham 2002, 3.1 and 5.1).  Term i goes through 2 i + 2 products and sums of
     the scheme, its power of 1 - t through p - i products of factors that are rounded once each.  t itself is off by one
-    unit, and the derivative is at most 2 p times the greatest coefficient.  Together 4 p + 2.
+    unit, and the derivative is at most 2 p times the largest coefficient.  Together 4 p + 2.
 
     Pyramids of degree r towards the apex have t = l / w along their base, w = 1 - t_z, in which l, w and the quotient
     are rounded once each: 2 units more, 4 p roundings.  w is also off by the one unit of t_z, so t by 1 / w units; but
     all coefficients of the apex's layer are one, so the derivative is at most 2 p (1 - t_z^r) <= 2 p r w of the
-    greatest: 2 p r roundings more.
+    largest: 2 p r roundings more.
     """
     collapsed = space.shape is Shape.PYRAMID
     return _horner(space.shape.dimension, max(space.degrees), collapsed)
@@ -48,7 +48,7 @@ def field_rounding(expansion: Expansion, modal: Floats, space: BernsteinSpace, c
     modal         (n, m) its coefficients
     coefficients  (n, count) its Bernstein coefficients, as rounded
 
-    Bernstein functions are positive and sum to 1: the error of the evaluation is in proportion to the greatest
+    Bernstein functions are positive and sum to 1: the error of the evaluation is in proportion to the largest
     coefficient.  0 where the field is a constant.
     """
     with np.errstate(invalid="ignore"):
@@ -78,7 +78,7 @@ class _ComputedValues:
 
     @property
     def size(self) -> Any:
-        """The greatest magnitude."""
+        """The largest magnitude."""
         return np.maximum(np.abs(self.ends[0]), np.abs(self.ends[1]))
 
 

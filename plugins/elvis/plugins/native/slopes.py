@@ -185,7 +185,7 @@ class _Bounds:
         self._known: dict[Node, Interval] = {leaf: own.ends for leaf, own in about.items()}
 
     def ends(self, root: Node) -> Interval:
-        """Least and greatest value."""
+        """Minimum and maximum value."""
         for node in ordered(root):
             if node in self._known:
                 continue
@@ -196,7 +196,7 @@ class _Bounds:
         return self._known[root]
 
     def size(self, root: Node) -> Floats:
-        """The greatest magnitude, infinite where nothing is known."""
+        """The largest magnitude, infinite where nothing is known."""
         low, high = self.ends(root)
         return _or_infinite(np.maximum(np.abs(low), np.abs(high)))
 
@@ -243,7 +243,7 @@ def _polynomial(field: Polynomials, regions: _Regions) -> _Leaf:
 
 
 def _size(ends: Interval) -> Floats:
-    """The greatest magnitude."""
+    """The largest magnitude."""
     return np.asarray(np.maximum(np.abs(ends[0]), np.abs(ends[1])))
 
 

@@ -18,7 +18,7 @@ from elvis.plugins.nurbs.node_numbers import EDGES, numbered
 
 MESH, FUNCTION = "MFEM NURBS mesh v1.0", "FiniteElementSpace"
 _CUBE = 5
-#: headings of the control points of patches, and parts of the greatest by which equal ones may differ
+#: headings of the control points of patches, and parts of the largest by which equal ones may differ
 _CONTROLS, _EQUAL = ("controlpoints", "controlpoints_homogeneous", "controlpoints_cartesian"), 1e-12
 #: axis of an array (n_z, n_y, n_x) of elements, and which end of it, where each face of a hexahedron lies
 _AXES = ((0, 0), (1, 0), (2, -1), (1, -1), (2, 0), (0, -1))

@@ -233,7 +233,7 @@ def _part(degrees: list[int], geometry: Floats, field: Floats, ids: Ints, is_rat
 
 
 def _bounds(nets: Floats) -> tuple[Floats, Floats]:
-    """(n,) least and greatest control value of each element, a little apart for rounding: weights are positive."""
+    """(n,) minimum and maximum control value of each element, a little apart for rounding: weights are positive."""
     low, high = nets.min(axis=(1, 2, 3)), nets.max(axis=(1, 2, 3))
     rounding = 1e-13 * np.maximum(np.abs(low), np.abs(high))
     return low - rounding, high + rounding

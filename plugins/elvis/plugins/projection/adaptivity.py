@@ -85,7 +85,7 @@ def bounds_of(
 def ranges(
     sampler: Sampler, blocks: Sequence[NativeBlock], fields: Sequence[SourceField], inside: int = _INSIDE
 ) -> list[tuple[float, float]]:
-    """Least and greatest finite value of each field; zeros where it has none.
+    """Minimum and maximum finite value of each field; zeros where it has none.
 
     inside  points inside of each element at which values are taken
     """

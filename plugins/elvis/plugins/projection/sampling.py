@@ -57,7 +57,7 @@ class Sampler:
         return found
 
     def _elements(self, block: NativeBlock, rows: slice | Ints) -> Elements:
-        """The source's elements; kept until others are asked for, as fields are sampled in turn on the same ones."""
+        """The source's elements; kept until others are requested, as fields are sampled in turn on the same ones."""
         if self._last is None or self._last[0] is not block or self._last[1] is not rows:
             self._last = block, rows, block.take(rows)
         return self._last[2]

@@ -63,7 +63,7 @@ def _join(points: Floats, labels: Ints, cells: Floats, tolerance: float) -> Ints
 
 
 def connected_labels(labels: Ints, first: Ints, second: Ints) -> Ints:
-    """The least label of each connected set, where item ``first[k]`` is connected to ``second[k]``.
+    """The smallest label of each connected set, where item ``first[k]`` is connected to ``second[k]``.
 
     Equal labels count as connected too; a label must be the number of an item that bears it, or of none.
     """
@@ -118,7 +118,7 @@ def merging_tolerance(
 
 
 def _shortest(corners: Floats, pairs: Iterable[tuple[int, int]]) -> float:
-    """The least distance between corners (n, v, 3) of a pair that lie apart; infinite without any."""
+    """The smallest distance between corners (n, v, 3) of a pair that lie apart; infinite without any."""
     least = np.inf
     for i, j in pairs:
         x, y, z = np.abs(corners[:, i] - corners[:, j]).T

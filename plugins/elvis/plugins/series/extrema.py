@@ -34,7 +34,7 @@ _CHUNK = 1 << 8
 
 
 class Extrema:
-    """Least and greatest values of all fields so far."""
+    """Minimum and maximum values of all fields so far."""
 
     def __init__(self, state: Dataset) -> None:
         """Nothing yet, on the fields of a state."""
@@ -88,9 +88,9 @@ class FitError:
 
 @dataclass
 class _End:
-    """The least values, or the greatest, so far.
+    """The smallest values, or the largest, so far.
 
-    sign    1 for the least, -1 for the greatest
+    sign    1 for the smallest, -1 for the largest
     values  (elements, points)
     held    (elements, points) values of the first steps that are as extreme, to rounding
     steps   (elements, points) these steps

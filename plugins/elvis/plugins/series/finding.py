@@ -62,7 +62,7 @@ class Found:
 def find_steps(paths: Sequence[Path], reading: Reading) -> Found | None:
     """The series that files are, None where they are a single state.
 
-    Files of some formats are steps or parts of one mesh: they are steps where a moment is asked for.
+    Files of some formats are steps or parts of one mesh: they are steps where a moment is requested.
     """
     if reading.plugin is not None:
         return None

@@ -54,7 +54,7 @@ def _common_names(names: Sequence[str], step: Step) -> dict[str, str]:
 class StepsByPart:
     """The part that a rank has of one step after another; the mesh of native files is read once.
 
-    reading  says who the ranks are, and which quantities are asked for
+    reading  says who the ranks are, and which quantities are requested
     """
 
     def __init__(self, found: Found, reading: Reading) -> None:

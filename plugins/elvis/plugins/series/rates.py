@@ -39,7 +39,7 @@ def weights_of_rates(times: Floats, time: float) -> Floats:
 
 @dataclass(eq=False)
 class StepRates:
-    """Derivatives in time of a series at a time, found when they are asked for (see `elvis.core.dataset.Rates`)."""
+    """Derivatives in time of a series at a time, found when they are requested (see `elvis.core.dataset.Rates`)."""
 
     series: Series
     time: float

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 #: minimum number of steps kept in memory: one and the next; more if the interpolation needs them
 _KEPT = 2
-#: no step and no time is asked for
+#: no step and no time is requested
 LAST = Moment()
 
 
@@ -83,7 +83,7 @@ def series_in(paths: Sequence[Path], reading: Reading) -> Series | None:
 
 
 def series_of(paths: Sequence[Path], reading: Reading) -> Series | None:
-    """The series that files are, None where they are a single state: that may depend on the moment asked for."""
+    """The series that files are, None where they are a single state: that may depend on the requested moment."""
     found = find_steps(paths, reading)
     return None if found is None else Series(found, reading)
 
@@ -225,7 +225,7 @@ class Series(Sequence[Dataset]):
     def _at_step(self, number: int, notes: Sequence[str], between: str, stands_for: str | None = None) -> Dataset:
         """The dataset of a step, with derivatives in time.
 
-        stands_for  "nearest" where another time was asked for
+        stands_for  "nearest" where another time was requested
         """
         time = float(self.times[number])
         instant = Instant(time, (number, number), stands_for) if len(self) > 1 else None
@@ -267,7 +267,7 @@ class Series(Sequence[Dataset]):
         return self._readable(time, count)[0]
 
     def check_within(self, time: float) -> None:
-        """ElvisError for a time before the first or after the last step that is not known to be passed over."""
+        """ElvisError for a time before the first or after the last step that is not known to be skipped."""
         low, high = self.times[self._left[0]], self.times[self._left[-1]]
         if not low - self._slack <= time <= high + self._slack:
             reasons = f" ({'; '.join(self.told[:2])})" if self.told else ""
@@ -280,7 +280,7 @@ class Series(Sequence[Dataset]):
 
     @property
     def _left(self) -> list[int]:
-        """The steps that are not known to be passed over; FormatError where there are none."""
+        """The steps that are not known to be skipped; FormatError where there are none."""
         self.check_readable()
         return [number for number in range(len(self)) if number not in self._passed_over]
 
@@ -345,7 +345,7 @@ class Series(Sequence[Dataset]):
         self.check_readable()
 
     def check_readable(self) -> None:
-        """FormatError where all steps are known to be passed over."""
+        """FormatError where all steps are known to be skipped."""
         if len(self._passed_over) == len(self):
             first = f"none from {self.steps[0].name} on: {self._passed_over[0]}"
             raise FormatError(f"expected a step that can be read, found {first}")
@@ -371,7 +371,7 @@ class Series(Sequence[Dataset]):
         if not self.all_agree(is_finite(dataset)):
             dataset = self._told_infinite(number, dataset)
         if self._first is None:
-            # only the mesh and its map, as steps are kept elsewhere
+            # only the mesh and its map, as steps are retained elsewhere
             self._first = replace(dataset, fields=tuple(dataset.field(name) for name in dataset.map_names))
         dataset = on_mesh_of(self._first, dataset)
         share(self._first.mesh)

@@ -139,7 +139,7 @@ class _Sums:
     """The mean so far, and the sums of products of what states differ from it by.
 
     weight    of all states so far
-    products  by block of pairs of fields; none where covariances are not asked for
+    products  by block of pairs of fields; none where covariances are not requested
     left_out  names of fields that not all states have alike
     """
 
@@ -191,7 +191,7 @@ class _Product:
     """The sum of products of what two fields differ from their means by, on a block of elements.
 
     expansion  that holds the product
-    lower      the expansion in which it is asked for
+    lower      the expansion in which it is requested
     lattice    points of each element at which the product is found
     tables     of either field on it
     samples    (elements, n) of the product

@@ -1,4 +1,4 @@
-"""A source made of functions: any mesh, bent by any map, with any fields; to try the conversion itself."""
+"""A source made of functions: any mesh, curved by any map, with any fields; to try the conversion itself."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ def _points(block: Elements) -> Floats:
 
 
 def _check_batches(source: Converter, block: Elements) -> None:
-    """Every other element, asked for by number, gets the same samples as in the whole block."""
+    """Every other element, requested by number, gets the same samples as in the whole block."""
     points, rows = _points(block), np.arange(0, len(block), 2)[:_ELEMENTS]
     whole = block.take(slice(0, len(block)))
     pairs = [("positions", source.positions(whole, points)[rows], source.positions(block.take(rows), points))]

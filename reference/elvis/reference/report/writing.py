@@ -124,7 +124,7 @@ def _scene(study: Study, folder: Path, final: Path) -> str:
 
 
 def _put_meshes(study: Study, folder: Path, formats: Sequence[str]) -> None:
-    """Write all meshes that were kept, in the formats that can hold them."""
+    """Write all meshes that were retained, in the formats that can hold them."""
     every = {**study.meshes, **{name: mesh for rival in study.rivals for name, mesh in rival.meshes.items()}}
     for suffix in formats:
         folder.mkdir(exist_ok=True)

@@ -32,7 +32,7 @@ from elvis.scene.view import View
 #: radius of a segment in pixels; radius of a segment without a proved zero, and number of bisections, at which it is
 #: given up
 _RADIUS, _THIN, _HALVINGS = 0.003, 2.0**-16, 64
-#: elements whose boxes are halved together; boxes at once beyond which small ones, and all, aren't halved any more
+#: elements whose boxes are bisected together; boxes at once beyond which small ones, and all, aren't bisected any more
 _CHUNK, _FEW, _MOST = 32, 1 << 9, 1 << 16
 
 
@@ -100,7 +100,7 @@ class Search:
         return Boxes.through(np.stack([*values, *np.moveaxis(world, 2, 0)], axis=1), self.degrees)
 
     def _halve(self, boxes: Boxes) -> list[LineSegments]:
-        """The segments in some boxes, which are halved as often as needed."""
+        """The segments in some boxes, which are bisected as often as needed."""
         found = []
         for depth in range(_HALVINGS + 1):
             boxes, segment, done, halves = self._looked_at(boxes)

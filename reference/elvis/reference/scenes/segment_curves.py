@@ -42,7 +42,7 @@ class SegmentCurves:
 
 
 def followed_through(segments: Segments, patch: Patch, view: View, size: float) -> SegmentCurves:
-    """Segments through elements of a patch and where they lead; halved where they bend, longer at both ends."""
+    """Segments through elements of a patch and where they lead; bisected where they bend, longer at both ends."""
     left, nodes = _longer(straighten(segments, patch, view), size), 0.5 * (1 + chebyshev.chebpts1(_DEGREE + 1))
     transform, found = np.linalg.inv(chebyshev.chebvander(2 * nodes - 1, _DEGREE)), []
     for halving in range(_HALVINGS + 1):
@@ -77,7 +77,7 @@ def _at_nodes(segments: Segments, middle: Floats, nodes: Floats, patch: Patch, v
 
 
 def straighten(segments: Segments, patch: Patch, view: View) -> Segments:
-    """The segments, halved until each is almost straight in reference coordinates, so that places on it are found."""
+    """The segments, bisected until each is almost straight in reference coordinates, so that places on it are found."""
     for _ in range(_HALVINGS):
         half = np.full((len(segments), 1), 0.5)
         middle, _ = places(segments, patch, view, half)

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from elvis.renderer.motions import Motion
     from elvis.scene import Camera, Scene
 
-#: frames of a film whose number nothing says
+#: frames of an animation whose number nothing says
 FRAMES = 60
 #: options of a scene that may also move, by their keys in the scene
 MOVING = {"deform_scale": "deform.scale", "phase": "phase"}
@@ -128,8 +128,8 @@ def animate(
     """Draw an animation of DATA; each frame equals the picture of elvis render at that time, byte for byte.
 
     Frames follow the steps of a series, or --times; --orbit, --path and --key also animate data of a single time.
-    Existing frames of the same scene that are newer than the data are kept, so that an interrupted run continues where
-    it stopped.
+    Existing frames of the same scene that are newer than the data are reused, so an interrupted run continues where it
+    stopped.
     """
     from contextlib import ExitStack
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from elvis.core.files.columns import Columns
     from elvis.scene.time_plot import Plot
 
-#: columns that are no quantities
+#: columns that are not quantities
 _PLACES = ("along", "curve", "point", "length", "x/c", "x", "y", "z", "nx", "ny", "nz", "element", "status")
 #: of these the ones that nothing is plotted over
 _NUMBERS = ("along", "point", "curve", "element", "status")

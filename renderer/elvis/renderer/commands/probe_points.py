@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from elvis.core.files.nrrd import Grid
     from elvis.renderer.commands.sources import Source
 
-#: columns of a table that are no quantities
+#: columns of a table that are not quantities
 COLUMNS = ("point", "x", "y", "z", "element", "status")
 #: points along a line, and along each side of a plane, where -n says nothing
 ALONG = 101
@@ -59,7 +59,7 @@ def chosen_points(
     plane: tuple[Triple, Triple, Triple] | None,
     counts: tuple[int, ...] | None,
 ) -> Floats:
-    """(n, 3) the points asked for; usage error unless there is just one way."""
+    """(n, 3) the requested points; usage error unless there is just one way."""
     import numpy as np
 
     from elvis.core.queries import points_in_table, points_on_line, points_on_plane

@@ -69,7 +69,7 @@ def or_alone(ranks: Ranks, work: Callable[[Ranks], T]) -> T | None:
 class Data:
     """The files that a command is given, of any format, and the options that say how they are read.
 
-    is_of_map  whether nothing but the map of elements is asked for (see `Reading`)
+    is_of_map  whether nothing but the map of elements is requested (see `Reading`)
     """
 
     paths: tuple[Path, ...]
@@ -156,7 +156,7 @@ class Data:
         return dataset.others.keys() == dataset.shared.keys() and comes_apart(dataset)
 
     def series(self, quantities: Sequence[str] = (), ranks: Ranks = ALONE) -> Series | None:
-        """The steps that the files are, where no moment of them is asked for; None where they are a single state."""
+        """The steps that the files are, where no moment of them is requested; None where they are a single state."""
         from elvis.plugins.series.series import series_in
 
         if self.step is not None or self.time is not None:
@@ -164,7 +164,7 @@ class Data:
         return series_in(self.paths, replace(self.reading(quantities), ranks=ranks))
 
     def whole_series(self, quantities: Sequence[str] = ()) -> Series:
-        """The steps that the files are, whatever moment is asked for; ElvisError for one state."""
+        """The steps that the files are, whatever moment is requested; ElvisError for one state."""
         from elvis.core.errors import ElvisError
 
         found = replace(self, step=None, time=None).series(quantities)
@@ -444,7 +444,7 @@ class NativeSource:
         return shared_critical_points(part, components, self.ranks)
 
     def extrema(self, quantities: Sequence[Expression]) -> list[tuple[Extremum, Extremum]]:
-        """The least and the greatest value of each quantity; of parts none but at the first rank."""
+        """The minimum and the maximum value of each quantity; of parts none but at the first rank."""
         from elvis.core.portions.borrowing import borrowing
         from elvis.core.quantity_extrema import quantity_extrema, shared_extrema
 

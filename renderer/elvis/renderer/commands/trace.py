@@ -210,7 +210,7 @@ def _report(found: TracedLines, output: Path | None, as_json: bool, less: LinesB
 
 
 def _facts(found: TracedLines) -> dict[str, Any]:
-    """How lines end, how long each is and, where they were asked for, the exponents; None where there is none."""
+    """How lines end, how long each is and, where they were requested, the exponents; None where there is none."""
     last = found.offsets[1:] - 1
     lengths = [float(found.length[k]) if k >= first else None for first, k in zip(found.offsets, last, strict=False)]
     facts = {"lines": len(found), "points": len(found.points), "ends": found.counts(), "lengths": lengths}

@@ -19,11 +19,11 @@ from elvis.renderer.ball_bounds import is_in_picture
 from elvis.scene.time_limit import check_time
 from elvis.scene.view import View
 
-#: greatest relative change b of a tame map's Jacobian J: from any point to any other J^-1 J' - 1 is 2 b / (1 - b) = 2/3
+#: largest relative change b of a tame map's Jacobian J: from any point to any other J^-1 J' - 1 is 2 b / (1 - b) = 2/3
 TAME = 0.25
 #: pixels below which a patch counts as a point, or as a line where it is that thin, unless rounding leaves more open
 THIN = 1e-6
-#: how often a face is halved at most
+#: how often a face is bisected at most
 _LEVELS = 96
 #: share of the reach below which a patch counts as a line: folds are not refined further for pixels next to them
 _THIN_BESIDE = 0.25
@@ -71,7 +71,7 @@ class Edges:
     """Patches that are seen as points or lines: folds of faces, and faces that are seen edge-on.
 
     ends    (2, n, 2)  in pixels
-    depth   (2, n)     least and greatest
+    depth   (2, n)     minimum and maximum
     radius  (n,)       pixels within which a ray may meet the patch though it seems to pass the line between the ends
     """
 
@@ -205,7 +205,7 @@ def _rounding(nets: Floats, view: View) -> float:
 def _slack(weight: Floats, rounding: float, view: View) -> Floats:
     """Sizes (n,) in pixels below which rounding dominates patches in front of the eye, with weights (count, n).
 
-    So a patch that rounding may move onto a pixel's centre is kept, and no patch is subdivided into noise.
+    So a patch that rounding may move onto a pixel's centre is retained, and no patch is subdivided into noise.
     """
     with np.errstate(divide="ignore", over="ignore"):
         own = rounding / weight.min(axis=0, initial=np.inf)
@@ -331,10 +331,10 @@ def _may_hold(points: Floats, ends: Floats, width: Floats, slack: Floats) -> Boo
 
 
 def _pixels(points: Floats, slack: Floats, view: View, reach: float) -> Ints:
-    """(2, 4, n) least and greatest x, y, x + y and x - y of the pixels of the view that hulls (2, count, n) may cover.
+    """(2, 4, n) minimum and maximum x, y, x + y and x - y of the pixels of the view that hulls (2, count, n) may cover.
 
     reach  see face_patches
-    None where the least ones exceed the greatest.
+    None where the smallest ones exceed the largest.
     """
     extent = _extent(view)
     x, y = points
@@ -375,7 +375,7 @@ def _linearity(space: FaceSpace, batch: _Batch, front: Bools, view: View) -> tup
 
     how far roots move in the patch where X - i W and Y - j W change by 1, to first order.
     All pixels (i, j) within the bounds of a patch are meant.  With the matrix M that inverts the mean Jacobian for the
-    middle pixel, b is the greatest row sum of M J - 1, which the derivatives' nets bound, and g what other pixels add.
+    middle pixel, b is the largest row sum of M J - 1, which the derivatives' nets bound, and g what other pixels add.
     """
     picture = np.stack([view.first, view.last])[..., None]
     low, high = np.where(front, batch.pixels[:, :2], picture)
@@ -399,7 +399,7 @@ def _linearity(space: FaceSpace, batch: _Batch, front: Bools, view: View) -> tup
         change = b.max(axis=0) + _weight_change(batch.screen[4], [derivative[3] for derivative in derivatives])
         tame = front & ((change <= TAME * (1.0 - g.max(axis=0))) | (change <= 1e-9))
 
-    # the greatest speed along each side, for any pixel
+    # the largest speed along each side, for any pixel
     speeds = [(*plane, *(half[:, None] * derivative[2])) for plane, derivative in zip(planes, derivatives, strict=True)]
     if len(space.halves) == 3:
         speeds.append(tuple(t - s for s, t in zip(*speeds, strict=True)))

@@ -276,7 +276,7 @@ class FaceDrawer:
         )
 
     def _patches(self, view: View, select: Sequence[str] | Bools) -> list[tuple[FacePatches, Edges]]:
-        """For each block of faces what the view sees of the chosen ones; the last answer is kept."""
+        """For each block of faces what the view sees of the chosen ones; the last answer is retained."""
         choice = select if isinstance(select, np.ndarray) else tuple(select)
         # an interruption leaves the last results unchanged
         last = self._last
@@ -339,7 +339,7 @@ class FaceDrawer:
 
 
 def pixel_bounds(patches: NDArray[Any], view: View) -> tuple[Ints, Ints]:
-    """The least and the greatest (n, 4) of what bounds the pixels that FacePatch records have there."""
+    """The minimum and the maximum (n, 4) of what bounds the pixels that FacePatch records have there."""
     if view.part_of is None:
         return patches["least"], patches["most"]
     least, most = patches["least"].copy(), patches["most"].copy()

@@ -12,7 +12,7 @@ from elvis.core.polynomials.bernstein import bernstein_values
 from elvis.plugins.faces.nets import FaceSpace, symmetries
 from elvis.renderer.passes.faces.face_patches import FacePatches
 
-#: part of the greatest coordinate within which two maps are one
+#: part of the largest coordinate within which two maps are one
 SAME = 1e-13
 
 

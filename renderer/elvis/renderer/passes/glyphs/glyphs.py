@@ -16,7 +16,7 @@ from elvis.renderer.tiled_hits import hits_in_tiles, listed_in_tiles
 from elvis.scene.frusta import Frusta
 from elvis.scene.view import View
 
-#: part of the greatest coordinate by which solids count as nearer than they are, so that rounding hides none
+#: part of the largest coordinate by which solids count as nearer than they are, so that rounding hides none
 _NEARER = 1e-12
 
 
@@ -30,7 +30,7 @@ class _Prepared:
 
 
 class GlyphDrawer:
-    """Arrows and cones in a loaded volume; what the last view saw of each object is kept."""
+    """Arrows and cones in a loaded volume; what the last view saw of each object is retained."""
 
     def __init__(self, loaded: DeviceVolume) -> None:
         self.loaded = loaded

@@ -34,7 +34,7 @@ class DistanceDrawer:
     def draw(self, view: View, quantity: str | None, value: float, beyond: Floats | None = None) -> HitBuffer:
         """The nearest point of the isosurface that some element holds, as IsosurfaceDrawer.draw.
 
-        Status: ambiguous where the distance was not found on both sides of the value within 1.6e-10 of the greatest
+        Status: ambiguous where the distance was not found on both sides of the value within 1.6e-10 of the largest
         coordinate, and behind places where rays may have touched the surface.  Within that, depths are uncertain.
         """
         key = (quantity, value)

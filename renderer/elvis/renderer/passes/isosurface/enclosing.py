@@ -1,4 +1,4 @@
-"""Quantities that are no polynomials, enclosed: what the kernels read of them (iso_enclose.slang)."""
+"""Quantities that are not polynomials, enclosed: what the kernels read of them (iso_enclose.slang)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from elvis.core.bounded_cache import bounded_cache
 AXES = (1.0, 1.6, 2.2, 3.2, 5.0, 8.0, 13.0)
 #: half sides of boxes that errors are known on
 BOXES = (1.0, 1.01, 1.02, 1.03, 1.05, 1.07, 1.1, 1.14, 1.18, 1.24, 1.32, 1.42)
-#: terms of the sums, and the greatest ratio of one to the one before
+#: terms of the sums, and the largest ratio of one to the one before
 _TERMS, _SLOWEST = 400, 0.85
 
 
@@ -56,7 +56,7 @@ def _tails(degree: int, ratio: float, box: float) -> Floats:
 
 
 def _growth(box: float) -> Floats:
-    """(3, terms) the greatest values of T_k and of its first and second derivative on [-box, box]."""
+    """(3, terms) the largest values of T_k and of its first and second derivative on [-box, box]."""
     found = np.zeros((3, _TERMS))
     found[0, 0], found[:2, 1] = 1.0, (box, 1.0)
     for k in range(2, _TERMS):

@@ -1,4 +1,4 @@
-"""Isosurfaces in object order: elements are halved until rays meet each sub-element once at most (stages: iso_*)."""
+"""Isosurfaces in object order: elements are bisected until rays meet each sub-element once at most (stages: iso_*)."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ from elvis.scene.view import View
 
 #: what becomes of a sub-element, as in iso.slang
 SPLIT, UNDEFINED = 0, 4
-#: sub-elements that are halved at once; beyond it nothing more is proved
+#: sub-elements that are bisected at once; beyond it nothing more is proved
 MOST_SUB_ELEMENTS = 1 << 19
-#: the same of quantities that are no polynomials, whose series may never do: for each element, and at least
+#: the same of quantities that are not polynomials, whose series may never do: for each element, and at least
 _OF_AN_ELEMENT, _AT_LEAST = 128, 1 << 13
 #: factor for enclosed quantities, whose points cost less
 _OF_ENCLOSED = 4

@@ -11,7 +11,7 @@ from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.memory import Buffer
 from elvis.renderer.traversal import Traversal
 
-#: levels of parts that are kept
+#: levels of parts that are retained
 _MOST = 16
 
 
@@ -31,7 +31,7 @@ class StraightLevel:
 
 
 class StraightLevels:
-    """The levels of a volume's parts that were asked for last."""
+    """The levels of a volume's parts that were requested last."""
 
     def __init__(self, loaded: DeviceVolume, traversal: Traversal) -> None:
         self._loaded, self._traversal = loaded, traversal

@@ -24,7 +24,7 @@ TONES = "tones"
 
 
 class Convolver:
-    """Convolves noise along velocities in a loaded volume; the noise of the last view is kept."""
+    """Convolves noise along velocities in a loaded volume; the noise of the last view is retained."""
 
     def __init__(self, loaded: DeviceVolume) -> None:
         self.loaded = loaded

@@ -23,7 +23,7 @@ from elvis.renderer.passes.faces.faces import SquarePatches
 from elvis.renderer.passes.lines.contour_squares import ROUNDING, Derivatives, Squares, is_nearby
 from elvis.scene.view import View
 
-#: facets of the shapes of patches: the margin is the least of a s + b t + c
+#: facets of the shapes of patches: the margin is the minimum of a s + b t + c
 FACETS = {
     Shape.TRIANGLE: np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 1.0], [-1.0, -1.0, 0.0]]),
     Shape.QUADRILATERAL: np.array([[1.0, 0.0, 1.0], [-1.0, 0.0, 1.0], [0.0, 1.0, 1.0], [0.0, -1.0, 1.0]]),
@@ -58,7 +58,7 @@ class PatchBounds:
     """Bounds of n patches.
 
     derivatives  of the map into the picture and of the field, in coordinates of the patch
-    values       (2, n) the field's least and greatest value on the patch
+    values       (2, n) the field's minimum and maximum value on the patch
     deepening    (n,) sum of the depth's absolute first derivatives
     """
 

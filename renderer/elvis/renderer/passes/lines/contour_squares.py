@@ -29,7 +29,7 @@ from elvis.core.shapes import Shape
 _CELLS = (1, 4, 16)
 #: numbers sampled at once
 AT_ONCE = 1 << 18
-#: part of a polynomial's greatest value that rounding may change
+#: part of a polynomial's largest value that rounding may change
 ROUNDING = 1e-13
 
 
@@ -131,7 +131,7 @@ class Squares:
     at_centre              what the elements have at the centres
     radius                 (n,) how far squares reach from their centres in coordinates of the element
     bulge                  (n,) by how much distances from facets differ from linear ones in the square
-    may_be                 (2, n) after `decide`: least and greatest value that the element may have in the square
+    may_be                 (2, n) after `decide`: minimum and maximum value that the element may have in the square
     certain                (2, n) values that are taken there, and all between; infinite and the wrong way round: none
     """
 
@@ -337,7 +337,7 @@ def regular(jacobians: Floats) -> Floats:
 
 
 def _certain_range(inside: Bools, values: Floats) -> tuple[Floats, Floats]:
-    """Least and greatest value (n,) at corners of a mask (n, s, s) that hang together in it; infinite where none do."""
+    """Minimum and maximum value (n,) at connected corners of a mask (n, s, s); infinite if there are none."""
     # one run in every row at most, rows one after another that share a column, and one run of rows
     has_one_run = _has_one_run(inside).all(axis=1)
     rows = np.asarray(inside.any(axis=2))

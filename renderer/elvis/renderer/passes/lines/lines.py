@@ -26,7 +26,7 @@ from elvis.renderer.tiles import order_of
 from elvis.scene.errors import SceneError
 from elvis.scene.view import View
 
-#: most contour values, and greatest width in pixels, that a mark holds
+#: most contour values, and largest width in pixels, that a mark holds
 MOST, WIDEST = 1024, 100.0
 #: a mark is a distance in these units of a pixel; a contour's mark has its number in the lowest bits
 UNITS = 1 << 26
@@ -251,7 +251,7 @@ class Lines:
         kernel(count, {**self._loaded.bindings(number, work.quantity), **work.buffers, **brought})
 
     def facets(self, number: int) -> Floats:
-        """(k, 4) facets of a part's reference shape, found once: the margin is the least of a x + b y + c z + d."""
+        """(k, 4) facets of a part's reference shape, found once: the margin is the minimum of a x + b y + c z + d."""
         return self._loaded.once(("facets", number), lambda: self._find_facets(number))
 
     def _find_facets(self, number: int) -> Floats:

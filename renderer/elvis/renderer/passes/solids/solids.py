@@ -19,7 +19,7 @@ from elvis.scene.frame import Status
 from elvis.scene.surfaces import Solid
 from elvis.scene.view import View
 
-#: part of the greatest coordinate by which places may be outside of the box of the volume and yet matter
+#: part of the largest coordinate by which places may be outside of the box of the volume and yet matter
 CLOSE = 1e-9
 
 

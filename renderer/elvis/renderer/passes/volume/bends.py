@@ -111,7 +111,7 @@ def line_tails(degree: int) -> Floats:
 
 @bounded_cache
 def _grown(degree: int) -> Floats:
-    """(ellipses, degree + 1, 3) greatest values of T_k and of its first and second derivative: at the axes' ends."""
+    """(ellipses, degree + 1, 3) largest values of T_k and of its first and second derivative: at the axes' ends."""
     axes, found = np.array(CUBE_AXES), np.zeros((len(CUBE_AXES), degree + 1, 3))
     for k in range(degree + 1):
         for order in range(3):

@@ -13,7 +13,7 @@ def tolerance(transfer: Transfer, error: float, length: float) -> float:
 
 
 def steepest(transfer: Transfer) -> float:
-    """How much densities, and colours times the greatest one, change at most for a unit of the quantity."""
+    """How much densities, and colours times the largest one, change at most for a unit of the quantity."""
     values, densities, colors = (
         np.asarray(x, np.float64) for x in (transfer.values, transfer.densities, transfer.colors)
     )

@@ -33,7 +33,7 @@ LANES = TILE * TILE
 #: error that must be proved for the diagonal of all elements, relative to the tolerance, which is a quarter of the
 #: requested error
 _PROVED = 1.0
-#: part of the error asked for that a part of a ray may have which holds a kink or a jump
+#: part of the requested error that a part of a ray may have which holds a kink or a jump
 _OF_A_KINK = 2.0**-10
 
 
@@ -312,7 +312,7 @@ class _March:
         ]
 
     def _tolerance(self, quantity: str | None) -> float:
-        """Error of a quantity that changes colours by less than a quarter of the error asked for, along any ray."""
+        """Error of a quantity that changes colours by less than a quarter of the requested error, along any ray."""
         length = 4 * self.loaded.extent
         own = [medium for medium in self.media if medium.quantity == quantity]
         densest = max(max(medium.transfer.densities) for medium in self.media)
