@@ -187,7 +187,7 @@ def started(trees: Sequence[Path], rounds: int) -> dict[str, Any]:
 
 
 def table(numbers: dict[str, Any], other: str) -> str:
-    """A row a scene or command, with the greatest noise below."""
+    """A row a scene or command, with the largest noise below."""
     from tables import Table, seconds
 
     shown = Table(f"Against {other}", ["", "CPU s", "other", "CPU ratio", "wall ratio", "A/A CPU", "A/A wall"])

@@ -24,7 +24,7 @@ class Case:
     """A dataset to be made.
 
     cells   of a row; the cube has cells^3, each filled with elements of the shape
-    width   cells of a row that are kept in x and y, all of them where it is 0
+    width   cells of a row that are retained in x and y, all of them where it is 0
     degree  of the map: 1 straight, 2 quadratic
     order   of the field (degree of its polynomials)
     """
@@ -67,7 +67,7 @@ def plural(shape: Shape) -> str:
 
 
 def bend(points: Floats) -> Floats:
-    """The unit cube a little bent, so that no face of a mesh stays flat."""
+    """The unit cube a little curved, so that no face of a mesh stays flat."""
     moved = np.array(points, dtype=np.float64)
     for axis, (first, second, waves) in enumerate(((1, 2, 0.7), (2, 0, 0.9), (0, 1, 1.1))):
         moved[..., axis] += 0.03 * np.sin(5 * points[..., first] + 2 * waves * points[..., second])

@@ -1,4 +1,4 @@
-"""Isosurfaces of quantities: what is certain, and seconds.  Of the Q criterion on bent elements, a field's beside them.
+"""Isosurfaces of quantities: certainty and seconds.  The Q criterion on curved elements, and a field for comparison.
 
 python benchmarks/derived.py [--size 1000] [--rounds 3] [--data FILES QUANTITY=VALUE] [--made NAME QUANTITY=VALUE]
 [--cold] [--pictures FOLDER]
@@ -53,7 +53,7 @@ def drawn(dataset: Dataset, scene: Scene, rounds: int, picture: Path | None) -> 
 
 
 def made() -> Iterator[tuple[str, Dataset, list[tuple[str, float]], Camera | str]]:
-    """Names, data, quantities with values, cameras: bent elements, and the half delta wing, which has straight ones."""
+    """Names, data, quantities with values, cameras: curved elements, and the half delta wing with straight ones."""
     for shape, (cells, modes) in CASES.items():
         mesh = Dataset(curved(grid(shape, cells), swirled, 3))
         fields = tuple(approximated(mesh, name, wave, modes) for name, wave in VORTICES.items())

@@ -73,7 +73,7 @@ def integrals(quick: bool) -> dict[str, Everyday]:
 
 @cache
 def _flow(shape: Shape, cells: int, degree: int, order: int) -> Dataset:
-    """A pressure and a velocity with about one wave a side on a mesh of the unit cube or square, bent if degree > 1."""
+    """A pressure and a velocity with about one wave per side on the unit cube or square, curved if degree > 1."""
     mesh = grid(shape, cells)
     mesh = curved(mesh, partial(_bend, shape.dimension), degree + 1) if degree > 1 else mesh
     known = Dataset(mesh)

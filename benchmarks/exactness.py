@@ -18,14 +18,14 @@ from audit.running import Gallery, case_of
 from audit.validating import Count
 from machine import description, sentences
 
-#: greatest part of the pixels of ordinary scenes that may be ambiguous
+#: largest part of the pixels of ordinary scenes that may be ambiguous
 LIMIT = 1e-3
 #: pictures of the reference have this part of the columns and rows
 SMALLER = 4
 
 
 def main():
-    """Run what the command line asks for; the exit status is 0 where the limit is kept."""
+    """Run what the command line asks for; the exit status is 0 where the limit is retained."""
     options = parsed()
     names = options.only or list(FAMILIES)
     counts = {name: Count() for name in names}

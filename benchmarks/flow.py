@@ -1,4 +1,4 @@
-"""Streamlines: how fast they are followed, with VTK's own tracer beside; what tubes and streaks add to a picture."""
+"""Streamlines: how fast they are followed, with VTK's own tracer next to; what tubes and streaks add to a picture."""
 
 from __future__ import annotations
 

@@ -79,7 +79,7 @@ class FacePieces:
 
 
 class Rival:
-    """VTK's picture of a frame's scene after some refinements; the seconds of its stages are kept for every run."""
+    """VTK's picture of a frame's scene after some refinements; the seconds of its stages are retained for every run."""
 
     def __init__(self, dataset: Dataset, frame: Frame, level: int) -> None:
         (self._item,), self._frame, self._level = frame.scene.every_object, frame, level

@@ -39,7 +39,7 @@ _POINTS = 12
 _DOWNSTREAM, _CLOSED = "plane:4.1,0,0:1,0,0", 12.5 * 128 / 3
 #: order of fields that hold cubic polynomials of the coordinates where maps are quadratic
 _CUBIC = 6
-#: where the cubic polynomial of `_summit` is greatest
+#: where the cubic polynomial of `_summit` is largest
 _TOP = np.array([0.43, 0.37, 0.59])
 
 
@@ -59,7 +59,7 @@ class Measure:
 
 
 def measures(quick: bool) -> list[Measure]:
-    """Those of the wing, then those of closed forms on bent elements and on a cube of 384 tetrahedra."""
+    """Those of the wing, then those of closed forms on curved elements and on a cube of 384 tetrahedra."""
     levels = 2 if quick else LEVELS
     wing = WING.dataset(quick)
     cube = standard(quick)
@@ -293,7 +293,7 @@ def _cubic(cases: Sequence[Case], device: str, side: int, quick: bool) -> dict[s
     frame, timing = once(draw)
 
     def error(points: Floats, found: Floats) -> float:
-        """The greatest error, in parts of the greatest difference."""
+        """The largest error, in parts of the largest difference."""
         truth = _summit(points) - _valley(points)
         return float(np.abs(found - truth).max() / np.abs(truth).max())
 

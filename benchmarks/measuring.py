@@ -80,7 +80,7 @@ def forget_peak() -> None:
 
 
 def peak_memory() -> int:
-    """Greatest resident memory of this process in bytes since `forget_peak`."""
+    """Largest resident memory of this process in bytes since `forget_peak`."""
     return _resident("VmHWM") or resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
 
 

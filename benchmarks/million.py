@@ -36,7 +36,7 @@ class Diary:
         self.steps: dict[str, dict[str, float]] = {}
 
     def step(self, name: str, work: Callable[[], T]) -> T:
-        """Do the work; note its seconds, and the resident memory before, after and at its greatest."""
+        """Do the work; note its seconds, and the resident memory before, after and at its largest."""
         gc.collect()
         before = memory()
         forget_peak()
@@ -127,7 +127,7 @@ def raw_bytes(dataset: Dataset) -> int:
 
 
 def probe_error(dataset: Dataset, points: Floats, found: Floats) -> float:
-    """Greatest difference from the NumPy evaluation, as a share of the range of the values found."""
+    """Largest difference from the NumPy evaluation, as a share of the range of the values found."""
     from elvis.core.sampling import sample
 
     truth = sample(dataset, [FIELD], points).values[:, 0]

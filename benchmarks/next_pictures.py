@@ -1,4 +1,4 @@
-"""First and next pictures of data that are looked at brick by brick, and of the whole: seconds, memory, equal bytes.
+"""First and next pictures of data that are examined brick by brick, and of the whole: seconds, memory, equal bytes.
 
 python benchmarks/next_pictures.py [--cells 56] [--memory 256MiB] [--folder F]    prints a table
 

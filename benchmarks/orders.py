@@ -65,7 +65,7 @@ def frame(case: Case, device: str, side: int, rounds: int) -> dict[str, Any]:
 
 @contextmanager
 def caches_in(folder: Path) -> Iterator[None]:
-    """Let kernels be kept in a folder of their own, empty at first."""
+    """Let kernels be retained in a folder of their own, empty at first."""
     before = {name: os.environ.get(name) for name in CACHES}
     os.environ.update({name: str(folder / name) for name in CACHES})
     try:

@@ -1,9 +1,9 @@
-"""Greatest anonymous memory of each rank of a command, beside that of one process divided among them.
+"""Largest anonymous memory of each rank of a command, next to that of one process divided among them.
 
 python benchmarks/parts_memory.py [--cells 56] [--ranks 1,2,4,8] [--memory 1GiB,…] [--of plane,info,…] [--folder F]
 
 Anonymous memory is what a process has of its own: no pages of mapped files, which the system takes back when it needs
-them.  It is looked at a hundred times a second, from outside (Linux).  A device that is software has its memory in the
+them.  It is examined a hundred times a second, from outside (Linux).  A device that is software has its memory in the
 process, too.
 """
 
@@ -60,7 +60,7 @@ _TICK = 1.0 / os.sysconf("SC_CLK_TCK")
 
 @dataclass
 class Run:
-    """A command that was run: the greatest anonymous memory in bytes and processor seconds of each process."""
+    """A command that was run: the largest anonymous memory in bytes and processor seconds of each process."""
 
     bytes: dict[int, int] = field(default_factory=dict)
     processor: dict[int, float] = field(default_factory=dict)

@@ -62,7 +62,7 @@ def frame_stages(renderer: Renderer, side: int) -> dict[str, float]:
 
 
 def error_of_sample(dataset: Dataset, frame: Frame, count: int = 2000) -> dict[str, float]:
-    """Greatest difference from the NumPy evaluation at some pixels over the range, and pixels that only one sees."""
+    """Largest difference from the NumPy evaluation at some pixels over the range, and pixels that only one sees."""
     rng = np.random.default_rng(0)
     columns, rows = rng.integers(frame.view.width, size=count), rng.integers(frame.view.height, size=count)
     truth = sample(dataset, [FIELD], frame.view.points_of(columns, rows)).values[:, 0]

@@ -110,7 +110,7 @@ def pictures(kind: str, count: int, device: str) -> dict[str, Any]:
 
 
 def steady(device: str, count: int, quick: bool) -> dict[str, Any]:
-    """Milliseconds of a steady frame, and what of the device's work it asks for, on straight and on bent elements.
+    """Milliseconds of a steady frame, and what of the device's work it asks for, on straight and on curved elements.
 
     quick  only what is drawn in the other table as well
     """

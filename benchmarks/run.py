@@ -150,7 +150,7 @@ def size(options: argparse.Namespace) -> tuple[Any, list[Table]]:
 
 
 def promised(options: argparse.Namespace) -> tuple[Any, list[Table]]:
-    """What was asked for, next to what it was and what it is."""
+    """What was requested, next to what it was and what it is."""
     side, rounds = (60, 1) if options.quick else (1000, max(3, options.rounds // 2))
     numbers = targets.measure(options.device, side, rounds, options.quick)
     return numbers, [targets.table(numbers)]
@@ -216,7 +216,7 @@ PARTS: dict[str, Part] = {
 
 
 def main() -> None:
-    """Run the parts that were asked for."""
+    """Run the parts that were requested."""
     options = parsed()
     about = machine.description(options.device)
     print(f"# Benchmarks\n\n{machine.sentences(about)}\n", flush=True)

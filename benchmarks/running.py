@@ -1,4 +1,4 @@
-"""Pictures of a running solver: what a step costs beside drawing alone, and the memory of many steps.
+"""Pictures of a running solver: what a step costs next to drawing alone, and the memory of many steps.
 
 python benchmarks/running.py CELLS SIDE STEPS DEVICE       one process that draws and prints JSON
 """
@@ -41,7 +41,7 @@ def measure(device: str, cells: int, side: int, steps: int) -> dict[str, Any]:
 
 
 def places(cells: int) -> Any:
-    """(elements, nodes, 3) of hexahedra that are bent along one direction."""
+    """(elements, nodes, 3) of hexahedra that are curved along one direction."""
     nodes = np.asarray(tensor_nodes(Shape.HEXAHEDRON, tuple(lobatto(ORDER + 1)[0].tolist())))
     corners = np.stack(np.meshgrid(*[np.arange(cells)] * 3, indexing="ij"), axis=-1).reshape(-1, 1, 3)
     found = (corners + (nodes + 1) / 2) / cells

@@ -31,7 +31,7 @@ SHARINGS = {
 
 
 def measure(shown: Shown, device: str, side: int, rounds: int, quick: bool) -> dict[str, Any]:
-    """Seconds of everything, of its parts from the same camera, and with each sharing off; the greatest difference."""
+    """Seconds of everything, of its parts from the same camera, and with each sharing off; the largest difference."""
     dataset = shown.dataset(quick)
     whole = next(iter(shown.scenes("together", side).values()))
     alone = {kind: replace(whole, objects=(item,)) for kind, item in zip(PARTS, whole.objects, strict=True)}

@@ -61,7 +61,7 @@ def sheared(points: Floats) -> Floats:
 
 
 def piped(points: Floats) -> Floats:
-    """The unit cube as half of a hollow bent pipe: radius, angle and length; elements at the wall are thin.
+    """The unit cube as half of a hollow curved pipe: radius, angle and length; elements at the wall are thin.
 
     The radius is graded exponentially: with 8 cells, one at the wall is a thousand times longer than it is thick.
     """
@@ -115,7 +115,7 @@ CASES = (
 )
 QUICK = (Spectral("box5", Shape.HEXAHEDRON, 2, 5, sheared),)
 
-#: pictures by name, and the greatest share of the side that is asked for
+#: pictures by name, and the largest share of the requested side
 PICTURES: dict[str, tuple[Callable[[Floats], SceneObject], float]] = {
     "cut": (lambda centre: CutSurface(Plane(tuple(centre), (0.1, 0.2, 1.0))), 1.0),
     "faces": (lambda _: Faces(("all",)), 1.0),
@@ -125,7 +125,7 @@ PICTURES: dict[str, tuple[Callable[[Floats], SceneObject], float]] = {
     "volume": (lambda _: VolumeRendering(Transfer((-1.0, 0.0, 1.0), (1.0, 0.0, 1.0))), 0.45),
     "100 tubes": (lambda _: Streamlines(("random:100",), "u,v,w"), 1.0),
 }
-#: what VTK draws beside
+#: what VTK draws next to
 LINEAR = ("cut", "faces", "isosurface")
 #: commands by name, the words behind the files
 COMMANDS = {

@@ -1,4 +1,4 @@
-"""Frames of a series beside a single still: what a step costs where the mesh stays, and the memory of many steps.
+"""Frames of a series next to a single still: what a step costs where the mesh stays, and the memory of many steps.
 
 python benchmarks/steps.py KIND CELLS STEPS SIDE DEVICE        one process that draws and prints JSON
 """
@@ -68,7 +68,7 @@ def _scaled(field: Any, name: str, factor: float) -> Any:
 
 @contextmanager
 def drawn(kind: str, folder: Path, side: int, device: str) -> Iterator[tuple[Film, list[Scene]]]:
-    """The film of a kind and the scenes of its frames."""
+    """The animation of a kind and the scenes of its frames."""
     camera = Camera((3.5, 2.5, 2.0), (0.5, 0.5, 0.5), height=1.8)
     data = tuple(map(str, [folder / "case.xml", *folder.glob("case_*.fld")]))
     look: dict[str, Any] = {"camera": camera, "size": (side, side), "range": (-3.0, 3.0), "outputs": ("frame.png",)}

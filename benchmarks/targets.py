@@ -1,4 +1,4 @@
-"""The pictures whose seconds were promised: what was asked for, what they took before and take, VTK beside them."""
+"""The pictures whose seconds were promised: what was requested, what they took before and take, VTK next to them."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ _STEADY = 50
 class Target:
     """A picture that is measured.
 
-    asked, before  seconds that were asked for, and what it took when they were, on quiet cores
-    beside         whether VTK draws the same beside it
+    asked, before  seconds that were requested, and what it took when they were, on quiet cores
+    beside         whether VTK draws the same next to it
     """
 
     name: str

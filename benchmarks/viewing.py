@@ -59,7 +59,7 @@ def measure(case: Shown, device: str, side: int, duration: float, quick: bool) -
 
 
 def _start(scene: Scene, folder: Path, rounds: int) -> dict[str, float]:
-    """Least seconds from the command to the first picture and to the whole one, beside those of ``elvis render``.
+    """Smallest seconds from the command to the first picture and to the whole one, next to those of ``elvis render``.
 
     A round before them, which may compile, doesn't count.
     """

@@ -8,7 +8,7 @@ wing         wing like the ONERA M6, about 70,000 quadratic tetrahedra, thin at 
 hemisphere   about 440 quadratic tetrahedra of half a ball, a cubic wave
 folded       one quadratic tetrahedron whose node (0.5, 0, 0) was moved to (0.5, 0, 0.6): it intersects itself.  Its
              field is its Jacobian determinant in parts of that of the straight one, 1 - 2.4 x' at reference points x'
-twist        about 800 tetrahedra of a bent and twisted bar, maps of order 4, a field of order 7 that varies strongly
+twist        about 800 tetrahedra of a curved and twisted bar, maps of order 4, a field of order 7 that varies strongly
 
 Running it again gives the same bytes.
 """

@@ -3,7 +3,7 @@
     python examples/generate.py [FOLDER]        writes them into FOLDER (default: out/data)
 
 cylinder  2D, triangles of a quadratic map, field order 8: potential flow past a cylinder with circulation
-bend      3D, hexahedra of a quartic map, field order 5: flow with two vortices through a bent duct
+bend      3D, hexahedra of a quartic map, field order 5: flow with two vortices through a curved duct
 blocks    3D, all four volume shapes in one mesh, quadratic map, field order 6
 eddies    2D, quadrilaterals of order 7, as NekRS and Nek5000 write them: Walsh's eddies, which only decay
 

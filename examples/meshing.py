@@ -89,7 +89,7 @@ def size_near(
 
 
 def set_sizes(gmsh: Any, fields: Sequence[int]) -> None:
-    """Take the least of some size fields everywhere."""
+    """Take the minimum of some size fields everywhere."""
     least = gmsh.model.mesh.field.add("Min")
     gmsh.model.mesh.field.setNumbers(least, "FieldsList", list(fields))
     gmsh.model.mesh.field.setAsBackgroundMesh(least)

@@ -6,7 +6,7 @@ wing       all volume shapes, curved, with p, u, v, w
 cylinder   2D: potential flow past a cylinder (generate.py)
 wave       2D: wave_0.chk to wave_8.chk, a standing wave that loses strength, at times 0 to 2
 resolved   2D: 64 squares of order 4 with a smooth field, a layer, a shock and a corner
-bend       3D: flow through a bent duct (generate.py)
+bend       3D: flow through a curved duct (generate.py)
 delta      3D: vortex over a half delta wing (cases.py, where Gmsh is installed)
 SOURCES    files that solvers wrote
 """
@@ -73,7 +73,7 @@ def lay_out(folder: Path, data: Path | None = None, quick: bool = True) -> None:
 
 
 def wing(modes: int = 5) -> Dataset:
-    """Tetrahedra, pyramids, prisms and a hexahedron, all of them bent, with four fields of so many modes each way.
+    """Tetrahedra, pyramids, prisms and a hexahedron, all of them curved, with four fields of so many modes each way.
 
     The boundary has the name of that of the wing of ``elvis sample``.
     """

@@ -24,7 +24,7 @@ from elvis import read, write
 from elvis.converters.ngsolve_export import export
 
 ROOT = Path(__file__).resolve().parent.parent
-#: of the solver: step in time, viscosity; of what is kept: first and last time, steps
+#: of the solver: step in time, viscosity; of what is retained: first and last time, steps
 STEP, VISCOSITY = 0.0005, 0.001
 FIRST, LAST, COUNT = 5.0, 5.35, 36
 
@@ -96,7 +96,7 @@ def main() -> None:
 
 
 def _write(mesh: Any, fields: dict[str, Any], time: float, folder: Path, number: int) -> None:
-    """A step, with the mesh beside the first."""
+    """A step, with the mesh next to the first."""
     with tempfile.TemporaryDirectory() as scratch:
         samples = Path(scratch, "step.elems.npz")
         export(samples, mesh, fields, time=round(time, 9))

@@ -18,7 +18,7 @@ import pytest
 hypothesis.settings.register_profile("busy", deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow])
 hypothesis.settings.load_profile("busy")
 
-# NumPy reads this once, when it is first imported: beside other workers, threads of its matrix products wait for each
+# NumPy reads this once, when it is first imported: next to other workers, threads of its matrix products wait for each
 # other at a cost of milliseconds per product
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -42,7 +42,7 @@ def compile_sooner(kernels):
 
 
 def keep_compiled(kernels):
-    """Let the compiler of slang's CPU target, which slang asks anew each time, keep what it has made in a folder."""
+    """Let the compiler of slang's CPU target, which slang asks again each time, keep what it has made in a folder."""
     compiler = shutil.which("g++")
     if compiler is None or shutil.which("sha256sum") is None or "KEPT_COMPILER" in os.environ:
         return
@@ -57,7 +57,7 @@ def keep_compiled(kernels):
 
 
 def keep_memory():
-    """Let processes that are started keep what they have freed: pages that are asked for anew cost a virtual machine
+    """Let processes that are started keep what they have freed: pages that are requested again cost a virtual machine
     more than the arithmetic on them (glibc alone reads these)."""
     os.environ.setdefault("MALLOC_TRIM_THRESHOLD_", str(1 << 28))
     os.environ.setdefault("MALLOC_MMAP_THRESHOLD_", str(1 << 28))

@@ -16,7 +16,7 @@ from PIL import Image
 
 ROOT = Path(__file__).resolve().parents[2]
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-#: width and height of the window in pixels; colours that are kept
+#: width and height of the window in pixels; colours that are retained
 WINDOW, COLORS = (1280, 1150), 192
 
 

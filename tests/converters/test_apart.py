@@ -136,7 +136,7 @@ def test_processes_end_with_their_objects(worker):
     gc.disable()
     try:
         del process
-        while is_there(child):  # its end is noticed by the process that it is a copy of
+        while is_there(child):  # its end is detected by the process that it is a copy of
             time.sleep(0.01)
     finally:
         gc.enable()

@@ -47,7 +47,7 @@ class Wave(mfem.PyCoefficient):
 
 
 def made(shape, order):
-    """A bent mesh of MFEM, with a scalar and a vector on it."""
+    """A curved mesh of MFEM, with a scalar and a vector on it."""
     kind, d = SHAPES[shape]
     mesh = mfem.Mesh.MakeCartesian2D(2, 2, kind) if d == 2 else mfem.Mesh.MakeCartesian3D(2, 2, 2, kind)
     mesh.SetCurvature(order)

@@ -1,4 +1,4 @@
-"""Solutions, steps, families and what is refused of CGNS files that are written here."""
+"""Solutions, steps, families and what is rejected of CGNS files that are written here."""
 
 from contextlib import suppress
 
@@ -341,7 +341,7 @@ def test_links(tmp_path):
 
 @pytest.mark.parametrize("is_text", [False, True])
 def test_damaged_files_of_the_older_container(tmp_path, is_text):
-    """Every number of a small file is changed in turn: it is read, or refused in a sentence."""
+    """Every number of a small file is changed in turn: it is read, or rejected with a one-line error."""
     tree = [base(filled(HEXA_8)[1])]
     whole = writing.write_adf(tmp_path / "a.cgns", tree, 2.5, is_text).read_bytes()
     rng = np.random.default_rng(1)
@@ -354,7 +354,7 @@ def test_damaged_files_of_the_older_container(tmp_path, is_text):
 
 
 def test_nodes_that_contain_themselves(tmp_path):
-    """A table of children that names a node above: nodes below are only read where they are asked for."""
+    """A table of children that names a node above: nodes below are only read where they are requested."""
     path = writing.write_adf(tmp_path / "a.cgns", [base(filled(HEXA_8)[1])], 3.4, False)
     raw = bytearray(path.read_bytes())
     entry = raw.rfind(b"ZoneType".ljust(32), 0, len(raw))

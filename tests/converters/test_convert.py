@@ -41,7 +41,7 @@ def plugin(tmp_path):
 
 @pytest.fixture
 def case(tmp_path):
-    """A file of the solver that the page speaks of: eight bent hexahedra of order 3."""
+    """A file of the solver that the page speaks of: eight curved hexahedra of order 3."""
     from elvis.core.mapping.orientation import local_vertices
 
     mesh = grid(Shape.HEXAHEDRON, 2)

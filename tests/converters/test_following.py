@@ -63,7 +63,7 @@ def test_a_step_counts_once_it_is_complete_and_unchanged(made, run):
     assert found.time == 0.5
     assert np.allclose(sample(found, "u", [(0.3, 0.2, 0)])["u"], polynomial(np.array([(0.3, 0.2)]), 0.5, 1), atol=1e-13)
 
-    # a step written anew is news, on the mesh that is known; so is another mesh
+    # a step written again is news, on the mesh that is known; so is another mesh
     for changed, has_old_mesh in ((made[2], True), (made[0], False)):
         os.utime(run / changed.name, (1, 1))
         assert look() is None

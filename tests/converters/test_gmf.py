@@ -109,7 +109,7 @@ def entries_of(kind, order, seed=0):
 
 
 def mesh_sections(kinds, order, is_bezier=False, has_tables=True):
-    """One bent element of each kind, each at a place of its own."""
+    """One curved element of each kind, each at a place of its own."""
     places, sections = [], {}
     for number, kind in enumerate(kinds):
         shape, entries = SHAPES[kind], entries_of(kind, order)

@@ -221,7 +221,7 @@ def test_serendipity_elements(session, tmp_path):
 
 @pytest.mark.parametrize(("kind", "count"), [(7, 5), (14, 14), (19, 13), (118, 30), (119, 55)])
 def test_pyramids(session, tmp_path, kind, count):
-    """A linear function of the coordinates is reproduced on bent pyramids of every order."""
+    """A linear function of the coordinates is reproduced on curved pyramids of every order."""
     gmsh.model.add("pyramid")
     gmsh.model.addDiscreteEntity(3, 1)
     nodes = np.asarray(gmsh.model.mesh.getElementProperties(kind)[4]).reshape(-1, 3)

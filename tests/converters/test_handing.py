@@ -22,7 +22,7 @@ def wave(x):
 
 @pytest.fixture(scope="module")
 def solid():
-    """All volume shapes, bent, with a field of degree 4 and one of degree 1."""
+    """All volume shapes, curved, with a field of degree 4 and one of degree 1."""
     bare = Dataset(curved(mixed_volume(seed=1), ripple(0.03), n=4), time=0.5)
     fields = (approximated(bare, "p", wave, modes=5), approximated(bare, "u", lambda x: x[:, 0], modes=5))
     return replace(bare, fields=fields)

@@ -85,7 +85,7 @@ def test_sides_lie_at_their_named_positions(folder):
 
 @pytest.fixture
 def copied(folder, tmp_path):
-    """A state and its mesh, to be spoilt."""
+    """A state and its mesh, to be damaged."""
     for name in (CAVITY, "cavity4x4x4_mesh.h5"):
         shutil.copy(folder / name, tmp_path / name)
         (tmp_path / name).chmod(0o644)

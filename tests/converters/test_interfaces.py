@@ -136,7 +136,7 @@ NAMES = ["bottom", "front", "right", "back", "left", "top"]
 def write_hopr(path, boxes, bend, order=2):
     """Boxes (low, high) under a map, with the sides that lie on the outer box named, those inside as mortars.
 
-    The side at the greatest x of the first box is a mortar of all boxes behind it.
+    The side at the largest x of the first box is a mortar of all boxes behind it.
     """
     line = np.linspace(0, 1, order + 1)
     grid = np.stack(np.meshgrid(line, line, line, indexing="ij"), axis=-1)[..., ::-1].reshape(-1, 3)
@@ -216,7 +216,7 @@ def mfem_cube(path, refined, bend=None, kind="hexahedra"):
     return mfem_mesh(path, mfem.Mesh.MakeCartesian3D(2, 2, 2, shape, 1.0, 1.0, 1.0), refined, bend)
 
 
-#: surface of the box 2 x 1 x 1 that is bent by z + x²/8
+#: surface of the box 2 x 1 x 1 that is curved by z + x²/8
 BENT_ROW = 2 + 4 + 4 * arc(0.5)
 
 
@@ -267,7 +267,7 @@ def four_mortars(folder):
 
 
 def octree_of_vtk(folder):
-    """A bent and turned cube of octree cells: 2:1 and 4:1."""
+    """A curved and turned cube of octree cells: 2:1 and 4:1."""
     coarse = cells((0, 0, 0), (1, 1, 1), (2, 2, 2))[1:]
     finer = cells((0, 0, 0), (0.5, 0.5, 0.5), (2, 2, 2))[:-1]
     finest = cells((0.25, 0.25, 0.25), (0.5, 0.5, 0.5), (2, 2, 2))
@@ -276,7 +276,7 @@ def octree_of_vtk(folder):
 
 
 def quadtree_of_vtk(folder):
-    """A bent square of quadtree cells: 4:1 at one side."""
+    """A curved square of quadtree cells: 4:1 at one side."""
     found = np.concatenate([squares((0, 0), (1, 2), (1, 2)), squares((1, 0), (2, 2), (4, 8))])
     return [write_vtk(folder / "quadtree.vtk", found, bend=bent_flat)], {"all": 4 + 4 * arc(0.5)}
 
@@ -289,21 +289,21 @@ def anisotropic_vtk(folder):
 
 
 def glued_squares_of_gmsh(folder):
-    """Two bent parts with three and four edges at their common side, and no common nodes."""
+    """Two curved parts with three and four edges at their common side, and no common nodes."""
     parts = [squares((0, 0), (1, 1), (2, 3)), squares((1, 0), (2, 1), (3, 4))]
     file = write_gmsh(folder / "glued.msh", [(3, own[:, [0, 1, 3, 2]]) for own in parts], bent_flat)
     return [file], {"all": 2 + 4 * arc(0.5)}
 
 
 def glued_boxes_of_gmsh(folder):
-    """Two bent parts whose faces overlap in part: three by two next to two by three."""
+    """Two curved parts whose faces overlap in part: three by two next to two by three."""
     parts = [cells((0, 0, 0), (1, 1, 1), (1, 3, 2)), cells((1, 0, 0), (2, 1, 1), (1, 2, 3))]
     file = write_gmsh(folder / "glued.msh", [(5, own[:, AROUND]) for own in parts], bent)
     return [file], {"all": BENT_ROW}
 
 
 def hexahedra_and_tetrahedra_of_gmsh(folder):
-    """Bent hexahedra next to bent tetrahedra, whose triangles lie on their quadrilaterals."""
+    """Bent hexahedra next to curved tetrahedra, whose triangles lie on their quadrilaterals."""
     return [hexahedra_and_tetrahedra(folder, bent)], {"all": BENT_ROW}
 
 
@@ -419,7 +419,7 @@ def test_lines_cross_from_hexahedra_to_tetrahedra(elvis, tmp_path):
 
 
 def test_jumps_are_computed_across_nonmatching_sides(elvis_json, tmp_path):
-    # two large squares next to two times four small ones; a small one has the large one and its own kind beside it
+    # two large squares next to two times four small ones; a small one has the large one and its own kind next to it
     corners = np.concatenate([squares((0, 0), (1, 2), (1, 2)), squares((1, 0), (2, 2), (2, 4))])
     constants = [1.0, 4.0, 10.0, 20.0, 40.0, 80.0, 160.0, 320.0, 640.0, 1280.0]
     file = write_vtk(tmp_path / "cells.vtk", turned(corners), constants)

@@ -68,7 +68,7 @@ def test_derived_quantities_state_their_error(folder, truth):
 
 @pytest.fixture
 def copied(folder, tmp_path):
-    """The mesh and a solution, to be spoilt."""
+    """The mesh and a solution, to be damaged."""
     for name in (MESH, SOLUTION):
         shutil.copy(folder / name, tmp_path / name)
         (tmp_path / name).chmod(0o644)

@@ -1,6 +1,6 @@
 """Small files of kinds that once gave wrong numbers without a word, each against its closed form.
 
-The files lie next to the repository; a page beside each derives the values.
+The files lie next to the repository; a page next to each derives the values.
 """
 
 import math
@@ -125,7 +125,7 @@ def test_measures_of_boundaries(reported, number, names, right):
 
 
 def test_curved_faces_next_to_small_ones(reported):
-    """Nine hexahedra of which four are bent: inner sides are none of the boundary."""
+    """Nine hexahedra of which four are curved: inner sides are none of the boundary."""
     assert total(reported("W02", "nc3.mesh", "nc3.u.gf"), over="all") == pytest.approx(6.0033284, abs=1e-6)
 
 

@@ -83,7 +83,7 @@ def test_extrema_match_those_of_steps_with_their_times(tmp_path, elvis):
     assert 0.0 < told.errors["u_min"].estimate < 0.3
     least = np.min([(t - 1) * (x - 0.6) for t in times], axis=0)
     off = np.abs(sample(told.dataset, "u_min", POINTS)["u_min"] - least).max()
-    assert off <= told.errors["u_min"].bound * 0.9  # the least of all is -0.9
+    assert off <= told.errors["u_min"].bound * 0.9  # the minimum of all is -0.9
 
 
 def test_extrema_are_within_their_bounds(chaotic):

@@ -73,7 +73,7 @@ def test_every_notation_of_time(tmp_path):
 
 @pytest.mark.parametrize("damaged", [0, 1, 3])
 def test_an_incomplete_file_is_skipped(tmp_path, monkeypatch, damaged):
-    """Wherever it stands, and whether it is asked for as a series or not."""
+    """Wherever it stands, and whether it is requested as a series or not."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     files = [written(tmp_path / f"flow_{number}.vtu", square(number / 2)) for number in range(4)]
     files[damaged].write_bytes(files[damaged].read_bytes()[:700])
@@ -93,9 +93,9 @@ def test_files_without_an_index_state_their_times(tmp_path, monkeypatch):
     monkeypatch.setattr("elvis.plugins.data.state_of", lambda *_: pytest.fail("a file was read whole for its time"))
     series = open_series(tmp_path / "flow_*.vtu")
     assert series.times.tolist() == times
-    # different times make them steps, not parts of one state, though no step is asked for
+    # different times make them steps, not parts of one state, though no step is requested
     assert find_steps(sorted(tmp_path.glob("*.vtu")), Reading()) is not None
-    # meshes that don't overlap are parts of one state, whatever is asked for; a mesh that comes again is a step
+    # meshes that don't overlap are parts of one state, whatever is requested; a mesh that comes again is a step
     for number in range(3):
         written(tmp_path / f"part_{number}.vtu", square(0.5, at=number))
         written(tmp_path / f"again_{number}.vtu", square(0.5))

@@ -43,7 +43,7 @@ SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
 
 
 def written(path, steps, is_shared=False):
-    """Steps of two parts each, a square and two triangles beside it; cells may be those of the first step for all."""
+    """Steps of two parts each, a square and two triangles next to it; cells may be those of the first step for all."""
     cells = [([0, 1, 2, 3], [9]), ([0, 1, 2, 0, 2, 3], [5, 5])]
     ends = [[0, 4], [0, 3, 6]]
     points, values, constants = [], [], []
@@ -284,7 +284,7 @@ def test_parts_in_separate_files(tmp_path):
     named = [path.rename(tmp_path / f"{number}.vtkhdf") for number, path in enumerate(parts)]
     assert integrate(read(*named), "1")[0].value == pytest.approx(6)
     named = [path.rename(parts[number]) for number, path in enumerate(named)]
-    # a conversion that is kept is not taken once a part changes
+    # a conversion that is retained is not taken once a part changes
     with h5py.File(tmp_path / "a_part2.vtkhdf", "r+") as file:
         file["VTKHDF/Points"][:, 0] *= 2
     assert integrate(read(tmp_path / "a.vtkhdf"), "1")[0].value == pytest.approx(8)

@@ -13,7 +13,7 @@ pytest.importorskip("vtk")
 
 
 def wedge(degrees, seed=0, scale=0.05):
-    """A bent wedge: its cell and the places of its nodes, as VTK 9 numbers them."""
+    """A curved wedge: its cell and the places of its nodes, as VTK 9 numbers them."""
     i, _, k = degrees
     cell = Cell(Kind(73, (i + 1) * (i + 2) // 2 * (k + 1), degrees), "")
     return cell, cell.nodes + scale * np.random.default_rng(seed).uniform(-1, 1, cell.nodes.shape)

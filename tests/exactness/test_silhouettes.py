@@ -94,7 +94,7 @@ def test_borders_of_faces_are_certain_up_to_rounding(gallery, far, height):
 
 
 def test_a_distant_face_seen_edge_on_leaves_all_pixels_ambiguous(gallery):
-    """What is as near to the eye as rounding may be anywhere in the picture; it is not halved without end."""
+    """What is as near to the eye as rounding may be anywhere in the picture; it is not bisected without end."""
     data = World("a cube", grid(Shape.HEXAHEDRON, 1), shift=(2.0**20, 0.0, 0.0)).dataset({"u": X}, 4)
     eye = np.array([2.0**20, 0.5, 0.5])
     camera = Camera(tuple(eye), (eye[0], 1.0, 0.75), (0.0, 0.0, 1.0), fov=40.0)

@@ -1,4 +1,4 @@
-"""Shared cases, what it means that two datasets are the same, and that a file is refused."""
+"""Shared cases, what it means that two datasets are the same, and that a file is rejected."""
 
 import re
 import shutil
@@ -90,7 +90,7 @@ def bits(array):
 
 @pytest.fixture
 def refused(slowness):
-    """Checks that files are refused with a message, quickly and without much memory; the message is one sentence."""
+    """Checks that files are rejected with a message, quickly and without much memory; the message is one sentence."""
 
     def check(*paths, match, megabytes=60, seconds=5):
         tracemalloc.start()

@@ -1,4 +1,4 @@
-"""Results that are kept take a bounded number of bytes, whatever their number."""
+"""Results that are retained take a bounded number of bytes, whatever their number."""
 
 from dataclasses import dataclass
 

@@ -121,7 +121,7 @@ def test_without_a_part_of_the_bound_errors_are_less_than_the_truth(monkeypatch)
 
 @pytest.mark.parametrize("count", [1, 2, 3, 5, 8])
 def test_factors_bound_the_errors_of_gauss_rules(count):
-    """By 1/(z - a), whose greatest value on an ellipse is at its end."""
+    """By 1/(z - a), whose largest value on an ellipse is at its end."""
     nodes, weights = gauss(count)
     for rho, factor in zip(RHOS, analytic_error.gauss_factors([count])[0], strict=True):
         end = (rho + 1 / rho) / 2

@@ -237,7 +237,7 @@ def hulls_of_elements(rng):
 
 
 def valleys(rng):
-    """Bounds by sums of squares of (a x + b y - c)^2, whose least value 0 isn't exceeded, at any size."""
+    """Bounds by sums of squares of (a x + b y - c)^2, whose smallest value 0 isn't exceeded, at any size."""
     for size in 10.0 ** np.arange(-3, 4):
         for a, b in rng.uniform(0.3, 1.0, (4, 2)):
             c = a * rng.uniform(0.2, 0.8)
@@ -310,7 +310,7 @@ def test_roundings_of_coefficients_are_all_counted(shape):
 
 
 def by_directions(expansion):
-    """The greatest error of coefficients that are computed one direction after another."""
+    """The largest error of coefficients that are computed one direction after another."""
     line = np.abs(to_bernstein(modified(Shape.SEGMENT, (expansion.modes[0],))))
     exact, found = line.sum(axis=0).max(), 1.0
     for _ in expansion.modes:
@@ -356,7 +356,7 @@ def test_bounds_by_squares_allow_for_rounding(monkeypatch):
 
 
 def test_bounds_of_differences_include_rounding_of_nets(monkeypatch):
-    """Nets that are off by a part of the difference bound it by that much more, also after boxes were halved."""
+    """Nets that are off by a part of the difference bound it by that much more, also after boxes were bisected."""
     part, compose = 0.02, Composition.compose
 
     def off(self, boxes, allowed=0.0):
@@ -421,7 +421,7 @@ def test_cores_are_graphs_up_to_a_slope_and_a_distance_from_the_unit_matrix(part
 
 
 def test_bounds_include_boxes_left_after_the_last_round(monkeypatch):
-    """A peak of height 1 that no sample comes near, in boxes that could be halved further."""
+    """A peak of height 1 that no sample comes near, in boxes that could be bisected further."""
     monkeypatch.setattr(bounding, "_ROUNDS", 1)
     dataset = Dataset(grid(Shape.QUADRILATERAL, 1))
     for sign in ("", "-"):
@@ -443,7 +443,7 @@ def test_sizes_of_functions_do_not_depend_on_signs():
 
 @pytest.mark.parametrize("shift", [0.0, -1 - 1e-9])
 def test_sides_shared_up_to_rounding_leave_no_gap(shift):
-    """Wherever the origin is: rounding is a part of the greatest magnitude."""
+    """Wherever the origin is: rounding is a part of the largest magnitude."""
     square = np.array([[0.0, 0, -1], [1, 0, -1], [1, 1, -1], [0, 1, -1]])
     square += np.array([shift, shift, -1e-9])
     triangles = square[[[0, 1, 2], [2, 3, 0]]]

@@ -229,7 +229,7 @@ def test_all_roundings_of_values_are_counted(coarse, shape):
     ):
         assert (exact <= found * (1 + 1e-12)).all()
         assert (found <= 1.2 * exact).all()
-    # sums of d products of coordinates with a matrix, and the sum with 1, beside which coordinates are large
+    # sums of d products of coordinates with a matrix, and the sum with 1, next to which coordinates are large
     boxes = replace(boxes, places=100 * boxes.places)
     shift = composition._shift(boxes)
     reach = np.einsum(

@@ -424,7 +424,7 @@ def test_graphs_run_along_the_direction_of_steepest_growth():
     assert is_graph.all()
     assert (order[:, 2] == slopes.argmax(axis=1)).all()
     assert graph_orders._steepness(np.ones((1, 2, 2, 2)))[0] == 0.0
-    # a tenth of the greatest slope is too little
+    # a tenth of the largest slope is too little
     for slope, is_one in ((0.099, False), (0.101, True)):
         flat = np.array([[[[0.0, slope], [1.0, 1.0 + slope]]]])
         assert (graph_orders._steepness(flat)[0] > graph_orders._STEEP) == is_one
@@ -636,7 +636,7 @@ def test_errors_are_relative_to_sizes_and_exclude_rounding():
 
 
 def test_shares_of_directions_match_those_of_the_next_rule():
-    """Boxes are halved in the direction in which the second smallest rule is wrong by most."""
+    """Boxes are bisected in the direction in which the second smallest rule is wrong by most."""
     errors = np.ones((1, 1, 2, 4))
     errors[0, 0, 0, 1], errors[0, 0, 1, 2:] = 9.0, 99.0
     bounds = SimpleNamespace(errors=errors)

@@ -122,7 +122,7 @@ def eigenvalues_of_two_entries(rng):
 
 
 def eigenvalues_of_one_entry(rng):
-    """A product of one entry and a constant, in which nothing is taken twice; and a start beside the first entry."""
+    """A product of one entry and a constant, in which nothing is taken twice; and a start next to the first entry."""
     for x in rng.uniform(0.02, 0.03, 20):
         middle, radius = np.array([[[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 1.9]]]), np.zeros((1, 3, 3))
         radius[0, 1, 0] = x
@@ -131,7 +131,7 @@ def eigenvalues_of_one_entry(rng):
         assert known.is_known.all()
         found = [np.linalg.eigvals(middle[0] + way * radius[0]) for way in (-1, 1)]
         yield np.array([max(abs(own[np.abs(own.imag).argmin()].real) for own in found)]), known.error
-        # an eigenvalue that differs from the first entry, beside complex ones
+        # an eigenvalue that differs from the first entry, next to complex ones
         middle[0] = [[0.0, 1.0, 0.0], [-x, 1.0, -2.0], [0.0, 2.0, 1.5]]
         start = Eigenvalue.of(MatrixRange(middle, 0 * radius), nothing)
         assert start.is_known.all()
@@ -225,7 +225,7 @@ def test_all_roundings_of_derivatives_are_counted(monkeypatch, shape):
 
 @pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.HEXAHEDRON, Shape.PYRAMID])
 def test_all_roundings_of_control_matrices_are_counted(monkeypatch, shape):
-    """Raised to one size, halved in every direction as often as is allowed; on pyramids sums before that."""
+    """Raised to one size, bisected in every direction as often as is allowed; on pyramids sums before that."""
     monkeypatch.setattr(regularity, "UNIT", COARSE)
     exact = [[] for _ in range(3)]
     for direction in range(3):
@@ -247,7 +247,7 @@ def test_all_roundings_of_control_matrices_are_counted(monkeypatch, shape):
 @pytest.mark.parametrize("part", [0.99, 1.01])
 @pytest.mark.parametrize("directions", [1, 2, 3])
 def test_matrices_are_definite_up_to_their_error(part, directions):
-    """The least eigenvalue of the symmetric part against the error, which P magnifies by its norm."""
+    """The smallest eigenvalue of the symmetric part against the error, which P magnifies by its norm."""
     rng = np.random.default_rng(directions)
     turns = np.linalg.qr(rng.normal(size=(COUNT, directions, directions)))[0]
     eigenvalues = rng.uniform(1, 2, (COUNT, directions))
@@ -343,7 +343,7 @@ def test_polynomials_are_not_subdivided_below_their_error(monkeypatch):
 
 
 def test_rotation_of_flows_includes_rounding_of_their_invariants(monkeypatch):
-    """In a shear layer, where gradients are large beside their eigenvalues: y and r off by parts of its powers."""
+    """In a shear layer, where gradients are large next to their eigenvalues: y and r off by parts of its powers."""
     part = 1e-6
     monkeypatch.setattr(core_turning, "_ROUNDING", part)
     gradient = np.zeros((1, 3, 3))

@@ -79,7 +79,7 @@ def constant_model(rng, low, high):
 
 
 def operations_of_models(rng):
-    """Truths are beside polynomials by the remainder, computed values beside these by the error."""
+    """Truths are next to polynomials by the remainder, computed values next to these by the error."""
     first, one = constant_model(rng, 1, 2)
     second, two = constant_model(rng, 2, 3)
     operations = {
@@ -153,7 +153,7 @@ def determinants_at_factors(rng):
 
 
 def quantities_on_whole_elements(rng):
-    """Gradients and determinants on bent elements, and distances to their boundary, at corners and in between."""
+    """Gradients and determinants on curved elements, and distances to their boundary, at corners and in between."""
     for shape in [shape for shape in Shape if shape.dimension > 1]:
         bent, middle = ripple(0.06, seed=int(rng.integers(99))), 0.5 * (np.arange(3) < shape.dimension)
         mesh = curved(grid(shape, 1), lambda p, bent=bent, middle=middle: bent(p) - middle, 3)

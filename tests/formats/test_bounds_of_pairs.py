@@ -75,7 +75,7 @@ def distances_of_linear_parts(rng):
 
 
 def derivatives_of_patches(rng):
-    """Polynomials whose coefficients have one direction are greatest at the corner (1, 1)."""
+    """Polynomials whose coefficients have one direction are largest at the corner (1, 1)."""
     for corners in (2, 4):
         shape = (COUNT, 1, 4, 1) if corners == 2 else (COUNT, 4, 4, 1)
         patches = SurfacePatches(corners, rng.uniform(0.2, 1, shape) * LINE, np.zeros(COUNT, int), np.zeros(COUNT, int))

@@ -82,7 +82,7 @@ def truth(root: Node, series: Floats, x: Floats, scale: float) -> Floats:
 
 
 def differences(text: str, count: int, half: float, seed: int) -> tuple[Floats, Floats]:
-    """(ORDERS, boxes) greatest differences found between a quantity and its model, and the bounds of them, in x."""
+    """(ORDERS, boxes) largest differences found between a quantity and its model, and the bounds of them, in x."""
     root, series, scale = root_of(text), random_series(2, 4, seed), 1.0 / (ROOM * half)
     exact = np.zeros(series.shape[:2])
     model = model_of(root, BoxLeaves(NAMES, series, exact, exact, scale, count))

@@ -1,4 +1,4 @@
-"""Critical points of velocities: none missed and none invented, beside brute force; kinds; walls; index sums."""
+"""Critical points of velocities: none missed and none invented, next to brute force; kinds; walls; index sums."""
 
 from dataclasses import replace
 
@@ -75,9 +75,9 @@ def brute_force(functions, dimension, starts=400):
 @pytest.mark.parametrize("seed", range(20))
 @pytest.mark.sampled(least=10, free=("seed",))
 def test_all_are_found_and_none_is_spurious(shape, bend, seed):
-    """Of fields in straight elements; in bent ones of polynomials of the coordinates, which are in every space there.
+    """Of fields in straight elements; in curved ones of polynomials of the coordinates, which are in every space there.
 
-    A polynomial of the coordinates itself is not: on a bent pyramid it is rational in the reference coordinates.
+    A polynomial of the coordinates itself is not: on a curved pyramid it is rational in the reference coordinates.
     """
     d, degree = shape.dimension, 2 if shape.dimension == 3 else 3
     functions = random_field(d, degree, seed)
@@ -294,7 +294,7 @@ SQUARES = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2],
 def around_a_ball():
     """Six hexahedra about a ball, whose wall is within 2e-3 of a sphere, and a field h that is zero on it alone.
 
-    Between cubes h is the distance by the greatest coordinate, linear in each element; elements are bent with it.
+    Between cubes h is the distance by the largest coordinate, linear in each element; elements are curved with it.
     """
     inner = np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)], float)
     elements = np.array([[*square, *[k + 8 for k in square]] for square in SQUARES])

@@ -55,7 +55,7 @@ def test_rules_have_the_points_of_the_solver_and_the_volume(shape, n):
 @pytest.mark.parametrize("shape", [shape for shape in Shape if shape is not Shape.PYRAMID])
 @pytest.mark.parametrize("n", [3, 5])
 def test_bernstein_functions_integrate_to_equal_parts(shape, n):
-    """All functions of one space have the same integral; on the pyramid, which is no product, see the next test."""
+    """All functions of one space have the same integral; on the pyramid, which is not a product, see the next test."""
     rule = field_cubature(modified(shape, (n,) * shape.dimension))
     degree = 2 * n - 3
     directions = {Shape.TRIANGLE: 1, Shape.TETRAHEDRON: 1, Shape.PRISM: 2}.get(shape, shape.dimension)

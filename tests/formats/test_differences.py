@@ -50,7 +50,7 @@ def turned(mesh):
     [(a, b) for a in Shape for b in Shape if 1 < a.dimension == b.dimension and b is not Shape.PYRAMID],
 )
 def test_the_maximum_difference_of_one_function_is_proved_to_be_rounding(first, second, bend):
-    """1e-11 of the range, 2, whichever elements meet; x is one on bent elements, too."""
+    """1e-11 of the range, 2, whichever elements meet; x is one on curved elements, too."""
     mesh = grid(first, 2)
     mesh = curved(mesh, ripple(bend), 3) if bend else mesh
 
@@ -88,7 +88,7 @@ def test_a_shift_is_the_gradient_times_it():
 
 @pytest.mark.parametrize(("bends", "closer"), [((False, False), 2e-4), ((True, False), 2e-3), ((False, True), 2e-3)])
 def test_the_maximum_on_two_meshes_is_bounded(bends, closer):
-    """|x y - (x y + y^2 / 2 + x / 4)| <= 3/4, at (1, 1) of the unit square, whichever of the meshes is bent inside."""
+    """|x y - (x y + y^2 / 2 + x / 4)| <= 3/4, at (1, 1) of the unit square, for either mesh curved inside."""
 
     def inside(points):
         bubble = points[:, 0] * (1 - points[:, 0]) * points[:, 1] * (1 - points[:, 1])
@@ -137,7 +137,7 @@ def test_fields_on_curved_elements_of_both_are_bounded_by_ranges_on_boxes():
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.sampled(least=2, free=("seed",))
 def test_no_point_on_curved_meshes_exceeds_the_maximum_difference(seed):
-    """Of waves and a narrow peak on two bent meshes: no sample is greater, and the bound is close."""
+    """Of waves and a narrow peak on two curved meshes: no sample is greater, and the bound is close."""
     rng = np.random.default_rng(seed)
     d = 2 + seed % 2
     shapes = Shape.of_dimension(d)

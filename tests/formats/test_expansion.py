@@ -363,7 +363,7 @@ def test_homogeneous_gradients_match_those_of_the_values(shape, planes):
     assert np.abs(derivatives - differences(full, points)).max() < 1e-9 * np.abs(derivatives).max()
 
 
-# --- what is refused ---
+# --- what is rejected ---
 
 
 @pytest.mark.parametrize(

@@ -99,7 +99,7 @@ QUANTITIES = ("u*one", "d(u,x)/(2+u)", "d(d(u,x),y)", "log(u-0.9)", "jacobian_si
 )
 @pytest.mark.sampled(least=6)
 def test_facts_of_parts_match_those_of_the_whole(case, size, monkeypatch):
-    """Also where only few elements are looked at closely."""
+    """Also where only few elements are examined closely."""
     monkeypatch.setattr(ranges, "_NUMBERS_AT_ONCE", 1 << 12)
     monkeypatch.setattr(bounding, "_MOST", 3)
     made = {"mapped": mapped, "waves": waves, "mixed": bent}
@@ -127,7 +127,7 @@ def symmetric(shape):
 
 
 def twins():
-    """Of two expansions of the map, the later one first, one element each has the greatest value of a field.
+    """Of two expansions of the map, the later one first, one element each has the largest value of a field.
 
     The very first element of the whole, which makes its expansion the first one, is no extreme itself.
     """
@@ -141,7 +141,7 @@ def twins():
 
 
 def rounded():
-    """Lines whose greatest value is that of the first one, and its bound that of another, whose values are larger."""
+    """Lines whose largest value is that of the first one, and its bound that of another, whose values are larger."""
     mesh = grid(Shape.SEGMENT, 8)
     (block,) = approximated(Dataset(mesh), "u", lambda p: p[:, 0], 2).blocks
     ends = np.zeros((8, block.coefficients.shape[1]))
@@ -156,7 +156,7 @@ def rounded():
     "case", ["mixed", "twins", "rounded", Shape.SEGMENT, Shape.QUADRILATERAL, Shape.TETRAHEDRON], ids=str
 )
 def test_extrema_of_parts_match_those_of_the_whole(case, many, monkeypatch):
-    """To the last bit, in the same element of those that have the same, batch by batch, where few boxes are halved."""
+    """To the last bit, in the same element of equal ones, batch by batch, where few boxes are bisected."""
     monkeypatch.setattr(extrema_module, "_MANY", many)
     made = {"twins": twins, "rounded": rounded, "mixed": bent}
     dataset = made[case]() if case in made else symmetric(case)
@@ -177,7 +177,7 @@ def test_extrema_of_parts_match_those_of_the_whole(case, many, monkeypatch):
         assert not any(others)
 
 
-#: polynomials and such as grow with them, on straight elements and on bent ones; others; with values in few places
+#: polynomials and such as grow with them, on straight elements and on curved ones; others; with values in few places
 EXPRESSIONS = (
     "wave*noise-one",
     "sqrt(2+noise*wave)",
@@ -228,7 +228,7 @@ def test_extrema_of_expressions_of_parts_match_those_of_the_whole(case, text, ma
 
 
 def tangled(shape):
-    """Elements that fold over, and such as are bent less."""
+    """Elements that fold over, and such as are curved less."""
     return Dataset(curved(grid(shape, 2), ripple(0.6, seed=3), 3))
 
 
@@ -252,7 +252,7 @@ def flat(shape, count):
     ids=["tetrahedra", "pyramids", "segments", "surface", "straight", "flat"],
 )
 def test_signs_of_jacobians_depend_on_neither_batches_nor_parts(dataset, monkeypatch):
-    """Also where only a few elements are looked at closely."""
+    """Also where only a few elements are examined closely."""
     for name, value in {"_RIVALS": 3, "_VALLEYS": 2}.items():
         monkeypatch.setattr(validity_module, name, value)
     whole = text(validity_facts(validity(dataset)))

@@ -1,4 +1,4 @@
-"""Whatever is no plain file is refused at once, everywhere that a file is read."""
+"""Whatever is no plain file is rejected at once, everywhere that a file is read."""
 
 import os
 import socket
@@ -37,7 +37,7 @@ DOORS = {
 
 @pytest.fixture
 def others(tmp_path):
-    """Something of each kind that is no plain file, under names that end as asked."""
+    """Something of each kind that is not a plain file, under names that end as asked."""
 
     def made(suffix):
         pipe, folder, device = (tmp_path / f"{name}{suffix}" for name in ("pipe", "folder", "device"))

@@ -225,7 +225,7 @@ def test_lists_of_ids_are_expanded_after_their_data_are_checked(copied, refused)
     change(field, ('ID="1655-1658"', f'ID="1-{count}"'), ("UNIORDER:5,5", "UNIORDER:1,1"))
     payload = re.search(r"<ELEMENTS[^>]*>([^<]*)<", field.read_text())[1]
     change(field, (payload, bomb(8) + " " * (count // 100)))
-    megabytes = 1.5 * 8 * count / MEBIBYTE  # the numbers that are asked for, not the ids too
+    megabytes = 1.5 * 8 * count / MEBIBYTE  # the numbers that are requested, not the ids too
     refused(folder / "interpfield_4quad.xml", field, match=f"expected {count} numbers, found", megabytes=megabytes)
 
 

@@ -1,4 +1,4 @@
-"""A thousand damaged files: each is read and evaluated, or refused in a sentence; no other exception, no hang."""
+"""A thousand damaged files are read and evaluated, or rejected with a one-line error; no other exception, no hang."""
 
 import base64
 import re

@@ -28,7 +28,7 @@ STRONG = {2: 0.4, 3: 0.4, 4: 0.3, 6: 0.3}
 
 @cache
 def bent(shape, n, amplitude, space=3):
-    """One element, bent, whose Jacobian is positive all over."""
+    """One element, curved, whose Jacobian is positive all over."""
     for seed in range(100):
         mesh = replace(curved(one_element(shape), ripple(amplitude, seed), n), space=space)
         (patch,) = patches(Dataset(mesh))

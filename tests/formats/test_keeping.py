@@ -1,4 +1,4 @@
-"""Results that are kept: found again where they are whole, and never trusted where they are not."""
+"""Results that are retained: found again where they are whole, and never trusted where they are not."""
 
 import os
 import subprocess

@@ -132,7 +132,7 @@ def test_the_largest_margin_wins():
 
 @pytest.mark.parametrize("shape", Shape.of_dimension(2) + Shape.of_dimension(3))
 def test_no_point_of_a_mesh_is_lost(shape):
-    """Curved neighbours leave no gap: each point in the middle of a bent grid has an element."""
+    """Curved neighbours leave no gap: each point in the middle of a curved grid has an element."""
     bump = ripple(0.03, 4)
     parts = patches(Dataset(curved(grid(shape, 3), bump, 3)))
     rng = np.random.default_rng(1)

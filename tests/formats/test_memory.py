@@ -23,7 +23,7 @@ def free(tmp_path, lines):
 
 
 def test_groups_of_today(tmp_path):
-    """The least of all groups that hold the process; what its files take can be had."""
+    """The smallest of all groups that hold the process; what its files take can be had."""
     groups = tmp_path / "groups"
     group(groups / "job" / "step", MODERN, 1000, 700, 200)
     assert free(tmp_path, ["0::/job/step"]) == 500

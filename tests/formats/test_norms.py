@@ -131,7 +131,7 @@ def test_homogeneous_planes_integrate_waves(basis):
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_a_single_wave_has_four_planes(sign):
-    """FieldConvert gives it as many: the greatest value is found whichever sign the wave has."""
+    """FieldConvert gives it as many: the largest value is found whichever sign the wave has."""
     expansion = Expansion(
         Shape.QUADRILATERAL, (Basis.MODIFIED_A,) * 2, (2, 2), Homogeneous((Basis.FOURIER_SINGLE_MODE,), (2.5,), (2, 3))
     )

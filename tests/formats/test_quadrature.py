@@ -27,7 +27,7 @@ RULES = {
     radau_minus: (1, -2),
     radau_plus: (1, -2),
     lobatto: (2, -3),
-}  # least count, 2 count + ... = degree
+}  # smallest count, 2 count + ... = degree
 COUNTS = [1, 2, 3, 4, 5, 8, 13, 20, 27, 40]
 CASES = [(rule, n) for rule in RULES for n in COUNTS if n >= RULES[rule][0]]
 

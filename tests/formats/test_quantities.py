@@ -56,7 +56,7 @@ SOLID = {
 
 
 def flowing(mesh):
-    """The fields on a mesh bent to the second degree: of degree 4 in the reference coordinates."""
+    """The fields on a mesh curved to the second degree: of degree 4 in the reference coordinates."""
     dataset = Dataset(mesh)
     fields = [approximated(dataset, name, lambda p, f=f: f(*p.T), 5) for name, (f, _) in FIELDS.items()]
     return replace(dataset, fields=tuple(fields), time=0.5)
@@ -450,7 +450,7 @@ def test_derivatives_of_a_field_of_the_solver_are_closed_forms(nektar, case):
 
 @pytest.mark.parametrize("shape", [shape for shape in Shape if shape.dimension > 1])
 def test_sizes_and_composites_of_elements(shape):
-    """Powers of sizes add up to the measure of bent elements; composites have the ids of the mesh."""
+    """Powers of sizes add up to the measure of curved elements; composites have the ids of the mesh."""
     mesh = curved(grid(shape, 2), ripple(0.04), 3)
     dataset = Dataset(mesh)
     evaluator = Evaluator(dataset, [Expression.of(dataset, text) for text in ("h", "composite")])

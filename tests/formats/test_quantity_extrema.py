@@ -77,7 +77,7 @@ def test_no_sample_exceeds_the_bounds(shape, text):
 
 
 def test_omitted_terms_are_bounded(monkeypatch):
-    """Where few boxes are looked at, greater values may be missed, but none is above the bound."""
+    """Where few boxes are examined, greater values may be missed, but none is above the bound."""
     bare = Dataset(grid(Shape.TRIANGLE, 3))
     is_missed = []
     for seed in range(10):

@@ -46,7 +46,7 @@ def shared(size, work, len_of=len):
 
 @pytest.fixture(scope="module")
 def bent():
-    """All shapes, bent, with a field."""
+    """All shapes, curved, with a field."""
     mesh = curved(mixed_volume(), ripple(0.05), 3)
     return Dataset(mesh, (approximated(Dataset(mesh), "u", lambda p: p[:, 0] - p[:, 1] * p[:, 2] ** 2, 4),))
 
@@ -151,7 +151,7 @@ def test_points_between_parts_are_in_the_elements_that_one_process_finds(bent, s
 
 
 def test_ambiguous_hits_count_for_points_found_nowhere_else():
-    """As in one process, which doesn't search elements in doubt for others; each part is asked for points 0 to 3."""
+    """As in one process, which doesn't search elements in doubt for others; each part is requested points 0 to 3."""
 
     def found(point, element, margin, status, is_late):
         none = np.full(len(point), -1)
@@ -197,7 +197,7 @@ def test_integrals_differ_by_their_errors(bent):
 
 @pytest.fixture(scope="module")
 def walled():
-    """All shapes, bent, with a field, boundaries, one of them inside, a region, and a second one without elements."""
+    """All shapes, curved, with a field, boundaries, one of them inside, a region, and a second one without elements."""
     mesh = curved(mixed_volume(), ripple(0.05), 2)
     faces = np.concatenate([mesh.of(shape).members.reshape(-1) for shape in mesh.elements])
     ids = np.concatenate([mesh.of(shape).ids for shape in (Shape.TRIANGLE, Shape.QUADRILATERAL)])
@@ -332,7 +332,7 @@ def test_child_processes_of_a_rank_are_not_ranks(started, tmp_path):
     assert (ranks.returncode, "".join(ranks.stdout.split()), ranks.stderr) == (0, "11", "")
 
 
-#: a rank that sends each other one what is large enough not to be there before it is asked for
+#: a rank that sends each other one what is large enough not to be there before it is requested
 SENDS = """
 import os, numpy as np
 from elvis.core.errors import ElvisError

@@ -31,7 +31,7 @@ def in_files(dataset, folder, mesh_format, field_format):
 
 
 def mixed():
-    """All shapes, bent, with ids that have gaps and no order; fields of two orders, one of them not on all elements."""
+    """All shapes, curved, with unordered ids with gaps; fields of two orders, one of them not on all elements."""
     mesh = curved(mixed_volume(), ripple(0.05), 3)
     thrown = np.random.default_rng(0)
     some = lambda count, start: start + thrown.permutation(9 * count)[:count]  # noqa: E731

@@ -47,7 +47,7 @@ def test_truncation_is_the_orthogonal_projection(shape, counts, expansion):
     table = values(own, points)
     whole, part = coefficients @ table.T, kept @ table.T
 
-    # Parseval, what is removed is orthogonal to what is kept, and a second projection changes nothing
+    # Parseval, what is removed is orthogonal to what is retained, and a second projection changes nothing
     energies = basis.modal(coefficients).reshape(4, -1) ** 2
     assert energies.sum(axis=1) == pytest.approx(whole**2 @ weights, rel=1e-12)
     assert energies @ basis.is_top() == pytest.approx((whole - part) ** 2 @ weights, rel=1e-11)

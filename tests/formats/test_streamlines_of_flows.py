@@ -1,4 +1,4 @@
-"""Streamlines of known flows through bent elements of every shape: closed forms, and SciPy's DOP853.
+"""Streamlines of known flows through curved elements of every shape: closed forms, and SciPy's DOP853.
 
 Velocities are expressions of the coordinates, so nothing is lost by bringing them to elements.
 """

@@ -24,7 +24,7 @@ EVERY_MAP = [(shape, nodes) for shape in Shape for nodes in (2, 3, 5)]
 
 
 def tangled(shape, nodes, cells=2):
-    """A mesh bent so strongly that some elements fold over, where the shape lets them."""
+    """A mesh curved so strongly that some elements fold over, where the shape lets them."""
     return Dataset(curved(grid(shape, cells), ripple(0.6, seed=3), nodes))
 
 

@@ -1,4 +1,4 @@
-"""Vortex cores through pairs of elements, turned and bent at random: one line each, but for those at a true jump."""
+"""Vortex cores through pairs of elements, turned and curved at random: one line each, but for those at a true jump."""
 
 from dataclasses import dataclass, replace
 
@@ -118,7 +118,7 @@ def test_a_line_through_the_side_of_two_elements_is_one(shape, bent, criterion):
 
 @pytest.mark.parametrize(("aside", "ends"), [(0.01, {"boundary": 8}), (0.15, {"boundary": 8, "jump": 8})])
 def test_axes_that_jump_far_are_two_lines(aside, ends):
-    """The axis of one element lies beside that of the other: by less than lines are joined over, or by more."""
+    """The axis of one element lies next to that of the other: by less than lines are joined over, or by more."""
     mesh, axes = pairs(Shape.TETRAHEDRON, False, 4, 2)
     moved = [Axis(axis.place + aside * np.linalg.svd(axis.direction[None])[2][1], axis.direction) for axis in axes]
     fields = []
@@ -132,7 +132,7 @@ def test_axes_that_jump_far_are_two_lines(aside, ends):
 
 
 def test_an_end_above_a_wall_is_independent_of_the_start():
-    """A velocity that is zero where z is: its core ends where it turns as little as is asked for, each time.
+    """A velocity that is zero where z is: its core ends where it turns as little as is requested, each time.
 
     Steps go on beyond the wall, where what is zero on cores has derivatives of the other sign.
     """

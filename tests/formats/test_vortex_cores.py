@@ -1,4 +1,4 @@
-"""Vortex cores: axes and rings known beforehand; none missed, none invented beside brute force; joins; limits."""
+"""Vortex cores: axes and rings known beforehand; none missed, none invented next to brute force; joins; limits."""
 
 import numpy as np
 import pytest
@@ -330,7 +330,7 @@ def test_nan_values_are_undecided():
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
 def test_boxes_without_rotation_are_reported(degree):
-    """None in which a sample turns; and shear layers, whose entries are large beside their eigenvalues."""
+    """None in which a sample turns; and shear layers, whose entries are large next to their eigenvalues."""
     rng = np.random.default_rng(degree)
     nets = rng.normal(size=(60, 9, *(degree + 1,) * 3)) * rng.choice([0.02, 0.2, 1.0], 60)[:, None, None, None, None]
     nets[:30] += np.diag([-1.0, 0.1, 1.2]).reshape(9, 1, 1, 1)

@@ -184,7 +184,7 @@ def _is_flat(corners):
 
 
 def test_walls_of_plane_data_in_order():
-    """The outline of a square, counter-clockwise from the greatest x, and values there."""
+    """The outline of a square, counter-clockwise from the largest x, and values there."""
     data = Dataset(grid(Shape.QUADRILATERAL, 2))
     field = approximated(data, "u", lambda p: p[:, 0] ** 2 - p[:, 1], 3)
     data = Dataset(data.mesh, fields=(field,))
@@ -311,7 +311,7 @@ def test_points_snap_to_walls_at_the_analytic_distance(tmp_path, monkeypatch):
     assert table["p"] == pytest.approx(places[:, 0] * places[:, 1] - places[:, 2], abs=1e-7)
     assert table[texts[1]] == pytest.approx(2, abs=1e-7)
     assert (table["status"] == Status.INSIDE).all()
-    # the element behind the wall, not one beside it
+    # the element behind the wall, not one next to it
     assert table[texts[2]] == pytest.approx((2 * places[:, 0] * places[:, 1] - places[:, 2]) / 2, abs=1e-5)
     write(data, "ball.xml")
     found = CliRunner().invoke(elvis, ["probe", "ball.xml", "ball.fld", "--point", "2.4,0.6,0.4", "--snap", "wall"])

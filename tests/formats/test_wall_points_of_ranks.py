@@ -48,7 +48,7 @@ def shared(dataset, size, wall="floor"):
 @pytest.mark.parametrize("size", [2, 3, 8])
 @pytest.mark.sampled(least=5)
 def test_points_on_walls_of_parts_match_those_of_the_whole(shape, size, monkeypatch):
-    """Also where some parts have no face of the wall, and few are looked at together."""
+    """Also where some parts have no face of the wall, and few are examined together."""
     dataset = on_floor(mixed_volume() if shape is None else grid(shape, 2))
     whole = wall_points(dataset, "floor")
     monkeypatch.setattr(wall_points_module, "_CHUNK", 3)
@@ -69,7 +69,7 @@ def test_lines_of_zeros_are_undecided_in_the_same_elements():
 
 
 def test_a_wall_that_moves_in_one_part_is_rejected_on_all_ranks():
-    """Its speed is small beside what the velocity grows to elsewhere, and great beside that in its own elements."""
+    """Its speed is small next to what the velocity grows to elsewhere, and great next to that in its own elements."""
     for speed, is_refused in ((1e-3, True), (1e-12, False)):
         dataset = on_floor(grid(Shape.HEXAHEDRON, 3), speed)
         if not is_refused:

@@ -2,7 +2,7 @@
 
 A case fails where anything but one sentence of ours comes out, where it takes more than 5 seconds of the processor or
 more than twice the memory of the sound files (40 MB for the interpreter included), or where the process ends.  Files of
-failures are kept, one of each kind.
+failures are retained, one of each kind.
 """
 
 import argparse
@@ -62,7 +62,7 @@ class Tally:
         return name, *map(str, counts), f"{self.worst:.2f}", f"{self.ratio:.2f}", f"{self.seconds:.0f}"
 
 
-#: what is kept of a case
+#: what is retained of a case
 KEPT = ("kind", "message", "seconds", "ratio")
 HEADERS = ("reader", "cases", "refused", "read", "failed", "worst s", "worst memory", "s in all")
 

@@ -1,4 +1,4 @@
-"""A sample of damaged files, with a fixed seed: all is read or refused in a sentence; ``make fuzz`` does many more."""
+"""Some damaged files, with a fixed seed, are read or rejected with a one-line error; ``make fuzz`` does many more."""
 
 import importlib.util
 import json

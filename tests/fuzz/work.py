@@ -148,7 +148,7 @@ def _bound():
 
 
 def _seconds():
-    """Seconds of the processor of this process and of all that it started; the clock that ends hangs starts anew."""
+    """Seconds of the processor of this process and of all that it started; the clock that ends hangs starts again."""
     signal.setitimer(signal.ITIMER_PROF, PATIENCE)
     own = os.times()
     return time.process_time() + own.children_user + own.children_system + _seconds_below(os.getpid())

@@ -8,7 +8,7 @@ import pytest
 import elvis
 from elvis import api
 
-#: slices that each one may import beside itself; an area is a folder at the top and holds one or two slices
+#: slices that each one may import next to itself; an area is a folder at the top and holds one or two slices
 BELOW = {
     "core": set(),
     "formats": {"core"},

@@ -132,7 +132,7 @@ def equivalents() -> set[str]:
 
 
 def every_mutant(options: argparse.Namespace) -> Iterator[Mutant]:
-    """All mutants of the five areas, or of the files that are asked for."""
+    """All mutants of the five areas, or of the files that are requested."""
     files = None if options.lines is None else {span(text)[0] for text in options.lines}
     for path in sorted(path for area in AREAS for path in (ROOT / area / "elvis").rglob("*")):
         name = str(path.relative_to(ROOT))
@@ -172,7 +172,7 @@ def weight(name: str, statement: str) -> float:
 
 @contextmanager
 def copies(count: int) -> Iterator[list[Path]]:
-    """Copies of the tree; compiled kernels and data beside the tree are shared with it."""
+    """Copies of the tree; compiled kernels and data next to the tree are shared with it."""
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         roots = [Path(folder) / str(number) / ROOT.name for number in range(count)]
         for root in roots:

@@ -74,7 +74,7 @@ def derivatives_on_inexact_maps(rng):
 
 
 def changes_of_rational_maps(rng):
-    """y = x / w with w = 1 - a x beyond the element, where the weight is least: dy = 1 / w^2, ddy = 2 a / w^3."""
+    """y = x / w with w = 1 - a x beyond the element, where the weight is smallest: dy = 1 / w^2, ddy = 2 a / w^3."""
     for slope in rng.uniform(0.3, 0.75, 20):
         parts, weights = np.array([[[-1.0, 0.0, 1.0]]]), np.array([[1 + slope, 1.0, 1 - slope]])
         change, derivative = rational_changes(QUADRATIC, parts, weights)
@@ -226,7 +226,7 @@ def test_derivatives_of_patches_along_their_sides_are_within_their_bounds(stated
 
 
 def test_second_derivatives_of_squared_distances_change_within_their_bounds(stated):
-    """Of a line e^(a s + b t) to 0, for |s| and |t| up to h: all derivatives are greatest at the corner."""
+    """Of a line e^(a s + b t) to 0, for |s| and |t| up to h: all derivatives are largest at the corner."""
 
     def claim(rng):
         for a, b in rng.uniform(0.2, 1, (5, 2)):

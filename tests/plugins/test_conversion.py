@@ -196,7 +196,7 @@ def test_maps_beyond_curves_are_stored_as_fields(shape):
         return points + moved[..., None]
 
     fields = {"u": AnalyticField(polynomial(2), 2, True)}
-    # the least orders that curves of edges and faces can't hold
+    # the smallest orders that curves of edges and faces can't hold
     maps = {Shape.HEXAHEDRON: (bubble, 6), Shape.PRISM: (bent(5), 5)}
     warp, order = maps.get(shape, (bent(4), 4))
     source = Analytic(cells(shape), fields, warp, order, seed=3, pyramid=PyramidSpace.POLYNOMIAL)

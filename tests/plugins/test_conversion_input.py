@@ -1,4 +1,4 @@
-"""What a source may get wrong: refused in a sentence, or kept and listed."""
+"""What a source may get wrong: rejected with a one-line error, or kept and listed."""
 
 from dataclasses import replace
 

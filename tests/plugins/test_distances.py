@@ -15,7 +15,7 @@ from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple, scattered
 from elvis.plugins.serving import volume_of
 
-#: of the greatest magnitude
+#: of the largest magnitude
 VALUE, UNIT = 1e-12, 1e-9
 
 
@@ -124,7 +124,7 @@ OPERATIONS = {
 
 @pytest.fixture(scope="module")
 def bent(file):
-    """Elements of all shapes, bent, and the shapes by id."""
+    """Elements of all shapes, curved, and the shapes by id."""
     dataset = with_field(curved(mixed_volume(seed=2), ripple(0.03), n=3))
     shapes = {int(number): block.expansion.shape for block in geometry(dataset) for number in block.element_ids}
     assert set(shapes.values()) == set(Shape.of_dimension(3))

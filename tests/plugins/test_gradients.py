@@ -13,7 +13,7 @@ from elvis.core.testing import approximated, curved, mixed_plane, mixed_volume, 
 from elvis.plugins.native import NativeVolume
 
 NEKTAR = Path(__file__).resolve().parents[3] / "shared" / "data" / "nektar"
-#: of the greatest gradient
+#: of the largest gradient
 GRADIENT = 1e-11
 
 

@@ -31,7 +31,7 @@ SOLIDS = Shape.of_dimension(3)
 
 
 def bent(shape, unit=False):
-    """A curved element with a field that is no polynomial; NumPy alone."""
+    """A curved element with a field that is not a polynomial; NumPy alone."""
 
     def evaluate(elements, points):
         r = 2 * points - 1 if unit else points

@@ -1,4 +1,4 @@
-"""Conversions in memory that are kept: found again where nothing changed, checked, and never in the way of the work."""
+"""Cached conversions: reused if nothing changed, checked, and never in the way of the work."""
 
 import dataclasses
 import json
@@ -20,7 +20,7 @@ from elvis.plugins.kept_conversions import Work, load_or_convert, part_of_conver
 
 
 class Cubes(Converter):
-    """Unit cubes side by side, with a field u = slope x; a file beside it may say the slope."""
+    """Unit cubes side by side, with a field u = slope x; a file next to it may say the slope."""
 
     format = "cubes"
     made = 0
@@ -83,7 +83,7 @@ def same(one, other):
 
 
 def asked(*paths, converter=Cubes, is_kept=True, **keywords):
-    """The largest value of the dataset, its remarks but for that on errors, and whether it was made anew."""
+    """The largest value of the dataset, its remarks but for that on errors, and whether it was made again."""
     before = Cubes.made
     dataset = load_or_convert(Work("cubes", converter, paths, keywords), is_kept)
     (field,) = dataset.fields

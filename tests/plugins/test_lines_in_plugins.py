@@ -112,7 +112,7 @@ def test_all_shapes_in_one_volume_and_seeds_on_sides():
 
 
 class Blocks(VolumeSource):
-    """A cube beside four smaller ones, which share no side with it, along a flow that shears."""
+    """A cube next to four smaller ones, which share no side with it, along a flow that shears."""
 
     fields = ("u",)
     low = np.array([[0, 0, 0], [1, 0, 0], [1, 0.5, 0], [1, 0, 0.5], [1, 0.5, 0.5]], float)
@@ -144,7 +144,7 @@ def test_smaller_neighbours_are_found(beyond):
     assert found.counts() == {"left": 1}
     assert found[0][-1] == pytest.approx([1.5, 0.3, 0.7], abs=1e-10)
     assert found.element.tolist() == sorted(found.element, key=[0, 3].index)
-    # a shear stretches by the greatest singular value of ((1, t), (0, 1))
+    # a shear stretches by the largest singular value of ((1, t), (0, 1))
     time = 1.4 / 1.3
     assert found.time[-1] == pytest.approx(time, abs=1e-10)
     stretched = np.linalg.norm([[1, time], [0, 1]], ord=2)

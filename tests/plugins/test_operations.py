@@ -1,7 +1,7 @@
 """Enclosures operation by operation, on the device (discs) and on the host (intervals): what they promise of every box.
 
 Boxes are ordinary, wide, huge, tiny, next to poles and zeros, and no numbers at all.  Truth is arithmetic with 64 bits
-(long doubles) at points of the boxes.  Values that aren't finite are not passed over: where a function lacks one, the
+(long doubles) at points of the boxes.  Values that aren't finite are not skipped: where a function lacks one, the
 enclosure says that it may.
 """
 

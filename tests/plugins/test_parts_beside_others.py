@@ -17,7 +17,7 @@ from elvis.plugins.data import Reading, open_data, open_part
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """All shapes, bent; the same with a field of another order, and with other numbers; other elements."""
+    """All shapes, curved; the same with a field of another order, and with other numbers; other elements."""
     path = tmp_path_factory.mktemp("beside")
     mesh = curved(mixed_volume(), ripple(0.05), 3)
     entities = {shape: replace(own, ids=own.ids + 7) for shape, own in mesh.entities.items()}

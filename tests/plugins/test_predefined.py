@@ -1,4 +1,4 @@
-"""Predefined quantities of polynomial flows on bent elements of every shape: sympy, NumPy and a device agree."""
+"""Predefined quantities of polynomial flows on curved elements of every shape: sympy, NumPy and a device agree."""
 
 from dataclasses import replace
 from functools import cache

@@ -18,7 +18,7 @@ from elvis.plugins.opening import PluginData
 from elvis.plugins.serving import volume_of
 
 NEKTAR = Path(__file__).resolve().parents[3] / "shared" / "data" / "nektar"
-#: of the greatest magnitude
+#: of the largest magnitude
 VALUE, GRADIENT = 1e-11, 1e-7
 
 #: gradients by the chain rule, and by differences

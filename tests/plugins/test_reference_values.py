@@ -1,4 +1,4 @@
-"""Reference values of a flow: given once, on the command line, in a scene, in a file beside the data, by the solver."""
+"""Reference values of a flow: from the command line, a scene, a file next to the data, or the solver."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Bounds of derivatives of expressions hold what differences show, on bent elements of every shape."""
+"""Bounds of derivatives of expressions hold what differences show, on curved elements of every shape."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""No hit of a bent face is lost: edges like an S, and faces with two points at one place of the screen."""
+"""No hit of a curved face is lost: edges like an S, and faces with two points at one place of the screen."""
 
 import numpy as np
 import pytest

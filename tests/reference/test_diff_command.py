@@ -82,7 +82,7 @@ def test_a_report_of_a_family(files, tmp_path):
 
 
 def test_moments_of_series(files, tmp_path):
-    """A series that grows with time, beside itself at its last step; a single state has no moments."""
+    """A series that grows with time, next to itself at its last step; a single state has no moments."""
     mesh = grid(Shape.QUADRILATERAL, 2)
     for step in range(3):
         field = approximated(Dataset(mesh), "p", lambda p, step=step: (1 + step) * p[:, 0], 3)

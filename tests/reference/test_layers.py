@@ -16,7 +16,7 @@ STEPS = 200_000
 
 
 def cube(shape, function, modes, bend=0.0, shift=0.0):
-    """The cube from ``shift`` to ``shift`` + 1 in one or several elements, bent inside, with a field."""
+    """The cube from ``shift`` to ``shift`` + 1 in one or several elements, curved inside, with a field."""
     mesh = grid(shape, 2 if bend else 1)
     inner = ripple(bend, seed=4)
     if bend:

@@ -214,7 +214,7 @@ def test_distances_of_spheres():
 
 
 def test_a_constant_field_is_measured_by_its_size():
-    """Values on an isosurface differ by rounding: that is no error of their range."""
+    """Values on an isosurface differ by rounding: that is not an error of their range."""
     record = picture(lambda x, y: 0.2 + 1e-16 * x)
     other = picture(lambda x, y: 0.2 + 3e-16 * y)
     assert errors(record, other).value_max < 1e-14

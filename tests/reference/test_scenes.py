@@ -44,7 +44,7 @@ def ball(x):
 
 
 def solid(shape, cells=2, bend=0.0, function=ball, modes=3):
-    """The unit cube with a field; bent inside, so that the cube stays a cube, where ``bend`` is not zero."""
+    """The unit cube with a field; curved inside, so that the cube stays a cube, where ``bend`` is not zero."""
     mesh = grid(shape, cells)
     if bend:
         inner = ripple(bend, seed=4)

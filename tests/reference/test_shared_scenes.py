@@ -1,4 +1,4 @@
-"""Faces and isosurfaces of the solver's own data: hits lie where the map says, and have the value that is asked for."""
+"""Faces and isosurfaces of the solver's own data: hits lie where the map says, and have the requested value."""
 
 from dataclasses import replace
 from time import process_time
@@ -103,7 +103,7 @@ def test_the_device_is_within_the_tolerances(nektar, objects):
 
 
 def range_of(data):
-    """Least and greatest value on the outer faces."""
+    """Minimum and maximum value on the outer faces."""
     frame = render(data, Scene(data.fields[0].name, camera="iso", size=(20, 20), objects=(Faces(),)))
     return float(np.nanmin(frame.field)), float(np.nanmax(frame.field))
 

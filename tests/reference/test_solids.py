@@ -143,7 +143,7 @@ def test_linear_meshes_of_quasi_3d_data_converge_at_second_order():
 
 
 def test_surfaces_in_space_are_their_faces():
-    """Elements of a plane that is bent into a paraboloid: hits lie on it, with the values there."""
+    """Elements of a plane that is curved into a paraboloid: hits lie on it, with the values there."""
     flat_mesh = grid(Shape.TRIANGLE, 3)
     raised = curved(flat_mesh, lambda x: np.column_stack([x[:, :2], 0.3 * x[:, 0] ** 2]), 3)
     mesh = replace(raised, space=3)

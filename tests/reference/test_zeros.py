@@ -102,7 +102,7 @@ def test_functions_that_are_not_polynomials():
 
 @pytest.mark.parametrize("shape", Shape.of_dimension(3), ids=lambda shape: shape.label)
 def test_every_pair_of_an_element_and_a_ray_is_examined(shape):
-    """Wherever a random field on bent elements takes a value, the pixel next to the place is a candidate."""
+    """Wherever a random field on curved elements takes a value, the pixel next to the place is a candidate."""
     rng, mesh = np.random.default_rng(5), curved(grid(shape, 1), ripple(0.1, seed=1), 4)
     data = with_field(mesh, lambda x: np.sin(7 * x @ np.array([0.9, -0.5, 0.7])), 6)
     quantities, view = Quantities(data, ["u"]), View.through(NEAR, (50, 40))
@@ -112,7 +112,7 @@ def test_every_pair_of_an_element_and_a_ray_is_examined(shape):
     values = quantities.values("u", patch, rows, points)
     (place, _), missed = on_screen(view, map_points(patch, rows, points)[0]), 0
     for value in np.linspace(values.min(), values.max(), 5)[1:-1]:
-        # pixels next to places whose values are next to the one that is looked for
+        # pixels next to places whose values are next to the one that is searched for
         near = np.flatnonzero(np.abs(values - value) < 0.02)
         pairs = candidates(patch, quantities, "u", value, view)
         pixels = np.rint(place[near]).astype(int)

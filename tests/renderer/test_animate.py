@@ -1,4 +1,4 @@
-"""Films: frames are what render draws, kept ones are not drawn again, films hold all of them."""
+"""Films: frames are what render draws, kept ones are not drawn again, animations hold all of them."""
 
 import json
 import os
@@ -79,7 +79,7 @@ def pictures(folder):
 
 
 def test_the_next_step_is_read_while_one_is_drawn(files, drawn, monkeypatch):
-    """By a thread of its own, once; a step that is asked for out of turn is read all the same."""
+    """By a thread of its own, once; a step that is requested out of turn is read all the same."""
     asked, at_moment = [], Series.at_moment
     monkeypatch.setattr(Series, "at_moment", lambda own, moment: asked.append(moment.step) or at_moment(own, moment))
     scene = Scene("u", data=tuple(map(str, files)), step=0, device="reference")
@@ -201,7 +201,7 @@ def test_valid_frames_are_reused(files, tmp_path, drawn):
 
 
 def test_steps_without_the_field_are_skipped(files, tmp_path, drawn):
-    """Without --field that which comes first at first is shown; what no step has is refused."""
+    """Without --field that which comes first at first is shown; what no step has is rejected."""
     files[1].write_text(files[1].read_text().replace('FIELDS="u"', 'FIELDS="v"'))
     for more, left, lacking in ((("--field", "u"), [1, 2], "step 0"), ((), [0], "step 2")):
         drawn.clear()
@@ -290,7 +290,7 @@ def test_a_worker_with_several_threads_does_one_thing_at_a_time():
 
 @pytest.fixture
 def asked(monkeypatch):
-    """Two workers that are this process; what they are asked for."""
+    """Two workers that are this process; what they are requested."""
     pytest.importorskip("distributed")
     asked = []
 

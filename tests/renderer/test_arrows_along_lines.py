@@ -1,4 +1,4 @@
-"""Arrow heads along streamlines: where they stand and point, in closed form, and pictures beside the reference's."""
+"""Arrow heads along streamlines: where they stand and point, in closed form, and pictures next to the reference's."""
 
 from dataclasses import replace
 
@@ -33,7 +33,7 @@ def constant(value):
 
 @pytest.fixture(scope="module")
 def screw():
-    """A swirling jet through bent elements of every shape."""
+    """A swirling jet through curved elements of every shape."""
     mesh = curved(mixed_volume(0), ripple(0.02), 3)
     return data(mesh, u=constant(SPEED), v=lambda p: TURN * (0.5 - p[:, 2]), w=lambda p: TURN * (p[:, 1] - 0.5))
 

@@ -1,4 +1,4 @@
-"""Bounds of the renderer's passes: values lie within them, and proofs are refused next to where they fail."""
+"""Bounds of the renderer's passes: values lie within them, and proofs are rejected next to where they fail."""
 
 from dataclasses import dataclass
 from types import SimpleNamespace

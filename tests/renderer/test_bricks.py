@@ -1,4 +1,4 @@
-"""Films of data that are looked at brick by brick; single pictures are in ``test_parts.py``."""
+"""Films of data that are examined brick by brick; single pictures are in ``test_parts.py``."""
 
 import numpy as np
 from click.testing import CliRunner

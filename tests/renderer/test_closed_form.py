@@ -1,4 +1,4 @@
-"""Pixels whose truth needs none of our code: straight elements bent by a map that has an inverse in closed form."""
+"""Pixels whose truth needs none of our code: straight elements curved by a map that has an inverse in closed form."""
 
 import numpy as np
 import pytest
@@ -48,7 +48,7 @@ def cubic(points):
 
 
 def depths(mesh, points):
-    """(elements, n) least distance of straight points from the sides of each straight element, and their ids."""
+    """(elements, n) smallest distance of straight points from the sides of each straight element, and their ids."""
     rows, ids = [], []
     for shape, entities in mesh.elements.items():
         sides = shape.faces if shape.dimension == 3 else [(*edge,) for edge in shape.edges]
@@ -70,7 +70,7 @@ def side_distance(vertices, side, points):
 
 
 def bend(mesh, warp, straightened):
-    """A straight mesh bent, with the cubic field."""
+    """A straight mesh curved, with the cubic field."""
     dataset = Dataset(curved(mesh, warp, 3))
     return Dataset(dataset.mesh, (approximated(dataset, "u", lambda points: cubic(straightened(points)), 4),))
 

@@ -81,7 +81,7 @@ def test_a_reused_renderer_does_not_grow(cube, uncollected):
 
 
 def test_an_error_while_drawing_holds_no_device(cube, uncollected, monkeypatch):
-    """The exception is kept, and with it the frames of all that ran when it was raised."""
+    """The exception is retained, and with it the frames of all that ran when it was raised."""
     before, kept = held(), []
 
     def fails(self, *_):

@@ -59,7 +59,7 @@ def proved(renderer, dataset, camera, levels, quantity=None):
 
 
 def ranges(view, field, cells=24):
-    """Least and greatest value (n,) in every pixel's square, of samples in it."""
+    """Minimum and maximum value (n,) in every pixel's square, of samples in it."""
     i, j = view.places(np.arange(view.count))
     steps = np.arange(cells + 1) / cells - 0.5
     low, high = np.full(view.count, np.inf), np.full(view.count, -np.inf)
@@ -118,7 +118,7 @@ def test_lines_not_separated_by_samples_are_ambiguous(renderer):
     [(Shape.HEXAHEDRON, 3, "straight on", 0.06), (Shape.PYRAMID, 2, "near, straight on", 0.3)],
 )
 def test_certain_pixels_of_contours_of_expressions_are_right(renderer, shape, cells, camera, doubtful):
-    """Of derivatives on bent elements and an exponential; nothing is proved in elements that hold a pole."""
+    """Of derivatives on curved elements and an exponential; nothing is proved in elements that hold a pole."""
     data, text = with_field(curved(grid(shape, cells), sheared, 3), tilted, 4), "d(u,y)*exp(u) + 0.01/(x - 0.21)"
     proof, view = proved(renderer, data, camera, [1.3, 1.8, 2.3], text)
 

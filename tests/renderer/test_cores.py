@@ -19,7 +19,7 @@ RADIUS = 0.03
 
 
 def vortex(shape, bend):
-    """A rigid rotation with a speed along its axis, in bent elements."""
+    """A rigid rotation with a speed along its axis, in curved elements."""
     mesh = curved(grid(shape, 1), ripple(bend), 3)
     bare = Dataset(mesh)
 
@@ -45,7 +45,7 @@ def test_tubes_around_a_tilted_axis(bent, device):
     offset = hits - CENTRE
     height = offset @ AXIS
     away = np.linalg.norm(offset - np.outer(height, AXIS), axis=1)
-    # those beside the ends are on the balls there
+    # those next to the ends are on the balls there
     inner = np.abs(height) < 0.8 * np.abs(height).max()
     assert inner.sum() > 40
     assert away[inner] == pytest.approx(RADIUS, abs=1e-7)

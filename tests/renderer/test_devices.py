@@ -26,7 +26,7 @@ FEATURES = {XE: {"pointer", "wave_ops", "half"}}
 
 
 def open_made_up(adapter):
-    """The name of the device; UnfitError as from one that is asked for its features."""
+    """The name of the device; UnfitError as from one that is requested its features."""
     if reason := lacking(FEATURES.get(adapter, ALL).__contains__):
         raise UnfitError(adapter, reason)
     return adapter.name
@@ -184,7 +184,7 @@ def test_read_only_arrays_are_uploaded_without_a_copy():
 
 
 def test_one_core_is_announced_once(monkeypatch, capfd):
-    """If nothing but the CPU target can draw, a line says what to install; not if it is asked for."""
+    """If nothing but the CPU target can draw, a line says what to install; not if it is requested."""
     cpu = Adapter("cpu", "slang's CPU target, one thread", True)
     monkeypatch.setattr(adapters, "adapters", lambda: [cpu])
     monkeypatch.setattr(adapters, "open_adapter", lambda adapter: adapter.name)

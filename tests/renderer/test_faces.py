@@ -175,7 +175,7 @@ def test_brute_force_counts_the_same_hits(drawer, shape, seed):
 
 @pytest.fixture(scope="module")
 def mixed():
-    """Elements of all shapes, bent, with a field; entered any way round, and with any number of nodes."""
+    """Elements of all shapes, curved, with a field; entered any way round, and with any number of nodes."""
 
     def make(seed=1, nodes=4):
         mesh = curved(shuffled(mixed_volume(3), seed), lambda p: p + 0.2 * np.sin(1) * p[:, [1, 2, 0]] ** 2, nodes)

@@ -1,4 +1,4 @@
-"""Strongly bent elements, whose maps have roots next to the element: no pixel is missed."""
+"""Strongly curved elements, whose maps have roots next to the element: no pixel is missed."""
 
 import tracemalloc
 from dataclasses import replace
@@ -148,7 +148,7 @@ def flat_where_measured(shape, strength):
     bump = (strength / slope(np.linspace(-1, 1, 201)).max() * slope).integ()
     degree = bump.degree()
 
-    # the least number of modes that holds it, and points that determine these
+    # the smallest number of modes that holds it, and points that determine these
     modes = (degree + 1,) * shape.dimension if len(shape.vertices) == shape.dimension + 1 else (degree + 1, 2, 2)
     modes = (degree + 1, 2, degree + 1) if shape is Shape.PRISM else modes[: shape.dimension]
     expansion = modified(shape, modes)

@@ -31,21 +31,21 @@ def constant(value):
 
 @pytest.fixture(scope="module")
 def steady():
-    """A constant velocity of magnitude 3 in bent hexahedra."""
+    """A constant velocity of magnitude 3 in curved hexahedra."""
     mesh = curved(grid(Shape.HEXAHEDRON, 2), ripple(0.05), 3)
     return data(mesh, u=constant(1), v=constant(2), w=constant(2), p=lambda p: p[:, 0] ** 2 + p[:, 1])
 
 
 @pytest.fixture(scope="module")
 def screw():
-    """A screw about y = z = 0.5 through bent elements of every shape."""
+    """A screw about y = z = 0.5 through curved elements of every shape."""
     mesh = curved(mixed_volume(0), ripple(0.02), 3)
     return data(mesh, u=constant(0.3), v=lambda p: 0.5 - p[:, 2], w=lambda p: p[:, 1] - 0.5)
 
 
 @pytest.fixture(scope="module")
 def flat():
-    """A rotation about the middle of a square of bent triangles."""
+    """A rotation about the middle of a square of curved triangles."""
     mesh = curved(grid(Shape.TRIANGLE, 3), ripple(0.03), 3)
     return data(mesh, u=lambda p: 0.5 - p[:, 1], v=lambda p: p[:, 0] - 0.5)
 
@@ -89,7 +89,7 @@ def ends_in_frustum(frame, low, high, radius, slope):
 
 
 def first_of_union(parts):
-    """(n,) the least length in front of the eye at which a ray enters intervals, or leaves those that it begins in."""
+    """(n,) smallest length in front of the eye at which a ray enters intervals, or leaves those it begins in."""
     found = np.full(len(parts[0]), np.inf)
     for row in range(len(found)):
         own = sorted((enters, leaves) for enters, leaves in (part[row] for part in parts) if leaves > 0)

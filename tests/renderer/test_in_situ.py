@@ -1,4 +1,4 @@
-"""Pictures of a running solver: those of its data afterwards, at the steps that are asked for, and no harm to it."""
+"""Pictures of a running solver: those of its data afterwards, at the steps that are requested, and no harm to it."""
 
 from copy import copy
 from dataclasses import replace
@@ -35,7 +35,7 @@ NODES = np.asarray(tensor_nodes(Shape.QUADRILATERAL, tuple(lobatto(4)[0].tolist(
 
 
 def squares(bend=0.1):
-    """(4, 16, 2) places of nodes of four bent squares."""
+    """(4, 16, 2) places of nodes of four curved squares."""
     corners = np.array([(i, j) for j in range(2) for i in range(2)], float)
     places = corners[:, None] + (NODES + 1) / 2
     places[..., 1] += bend * places[..., 0] * (2 - places[..., 0]) * (places[..., 1] - 1)
@@ -105,7 +105,7 @@ class TestPictures:
 
 
 def bubbles():
-    """(2, 27, 3) places of nodes of two hexahedra that are bent inside, which no mesh file can hold."""
+    """(2, 27, 3) places of nodes of two hexahedra that are curved inside, which no mesh file can hold."""
     nodes = np.asarray(tensor_nodes(Shape.HEXAHEDRON, tuple(lobatto(3)[0].tolist())))
     places = np.array([(0, 0, 0), (1, 0, 0)], float)[:, None] + (nodes + 1) / 2
     places[..., 0] += 0.1 * np.prod(1 - nodes**2, axis=1)
@@ -271,7 +271,7 @@ class TestStates:
 
 
 class TestTriggers:
-    """u = x² (1 + t) - y on [0, 2]²: its greatest value is 4 (1 + t), its least -2."""
+    """u = x² (1 + t) - y on [0, 2]²: its largest value is 4 (1 + t), its smallest -2."""
 
     def shown(self, session, **keywords):
         places = squares(0.0)

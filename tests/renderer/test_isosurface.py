@@ -51,9 +51,9 @@ def iso(renderer):
 
 
 def cube(shape, function, modes=None, cells=None, curved_mesh=True):
-    """The unit cube, bent, with a field given in world coordinates: of the orders that hold a quadric exactly.
+    """The unit cube, curved, with a field given in world coordinates: of the orders that hold a quadric exactly.
 
-    Of two cells a side; of bent pyramids, six of which fill one and each of which takes much work, of one.
+    Of two cells a side; of curved pyramids, six of which fill one and each of which takes much work, of one.
     """
     modes = modes or (5 if curved_mesh else 4)
     cells = cells or (1 if curved_mesh and shape is Shape.PYRAMID else 2)
@@ -72,7 +72,7 @@ def quadric_roots(view, centre, weights, level):
 
 
 def nearest_inside(view, roots, beyond=0.0):
-    """The least depth of each ray that lies in the bent cube, infinite where none does, and the pixels that are clear:
+    """Smallest depth of each ray that lies in the curved cube, infinite without one, and the pixels that are clear:
     where no root comes near the cube's border."""
     origins, ways = view.every_ray()
     points = origins[:, None] + roots[..., None] * ways[:, None]

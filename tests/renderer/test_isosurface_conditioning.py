@@ -132,7 +132,7 @@ def test_a_flat_surface_costs_few_sub_elements(renderer):
 
 @pytest.mark.parametrize("shape", SOLIDS)
 def test_elements_within_rounding_cost_few_sub_elements(renderer, shape):
-    """1 + 2^-52 (z - 15/32) can't be told from 1: nothing is shown, and next to apexes nothing is halved to the end."""
+    """1 + 2^-52 (z - 15/32) can't be told from 1: nothing is shown, and bisection next to apexes ends."""
     data = exact(shape, lambda p: p[:, 2] - 0.46875, 2.0**-52, 1.0)
     view = View.through(CAMERA, SIZE)
     drawer = IsosurfaceDrawer(DeviceVolume(renderer("vulkan").device, volume_of(data, ["u"])))
@@ -194,7 +194,7 @@ def test_sub_elements_of_high_order_are_not_subdivided_for_errors_of_positions(r
 
 @pytest.mark.parametrize("shape", [Shape.HEXAHEDRON, Shape.PYRAMID])
 def test_a_pair_of_surfaces_seen_from_within_costs_few_sub_elements(renderer, shape):
-    """Two planes 2^-8 apart: sub-elements next to the eye's plane, next to the picture, are not halved to the end."""
+    """Two planes 2^-8 apart: sub-elements next to the eye's plane, next to the picture, are not bisected to the end."""
     data = exact(shape, lambda p: (p[:, 2] - 0.375) * (p[:, 2] - 0.375 - 2.0**-8))
     camera = Camera((0.5, 0.6, 0.45), (0.45, 1.3, 0.2), (1.0, 0.0, 0.0), fov=90.0)
     view = View.through(camera, (24, 20))

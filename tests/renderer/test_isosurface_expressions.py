@@ -1,4 +1,4 @@
-"""Isosurfaces of expressions on bent elements: what they call certain, against dense samples; errors of series."""
+"""Isosurfaces of expressions on curved elements: what they call certain, against dense samples; errors of series."""
 
 from contextlib import nullcontext
 from dataclasses import replace
@@ -26,7 +26,7 @@ COUNT, DEPTHS = 150, (0.9, 3.4)
 
 
 def flow(shape, cells=1, bent=True, modes=4):
-    """Velocities on bent elements, each with random coefficients of its own around waves."""
+    """Velocities on curved elements, each with random coefficients of its own around waves."""
     rng = np.random.default_rng(7)
     dataset = Dataset(curved(grid(shape, cells), swirled, 3) if bent else grid(shape, cells))
     fields = []
@@ -89,7 +89,7 @@ def refute(iso, dataset, quantity, value, size, share, camera=CAMERA):
 @pytest.mark.sampled(free=("shape",))
 @pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.PYRAMID, Shape.PRISM, Shape.HEXAHEDRON])
 def test_dense_samples_never_refute_certain_pixels_of_q(iso, shape):
-    """The Q criterion on bent elements is a fraction."""
+    """The Q criterion on curved elements is a fraction."""
     refute(iso, flow(shape), "q_criterion", 1.0, (20, 16), 0.99)
 
 

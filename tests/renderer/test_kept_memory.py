@@ -1,4 +1,4 @@
-"""Memory of a device that is kept from frame to frame: found again, bounded, and no trace of what was in it."""
+"""Memory of a device that is reused from frame to frame: found again, bounded, and no trace of what was in it."""
 
 import gc
 import weakref
@@ -45,7 +45,7 @@ def test_free_memory_is_bounded_and_released_under_pressure():
     some = pool(most=100)
     for count in (8, 4, 2):
         some.take(8, count)
-    # 64 bytes are free, then 96; what has no room beside them is not kept
+    # 64 bytes are free, then 96; what has no room next to them is not kept
     assert some._bytes == 96
     some._create, create = (lambda *kind: _no_room(some, create, *kind)), some._create
     assert some.take(1, 1).memory.size == 1
@@ -98,7 +98,7 @@ def test_frames_show_no_previous_memory(linear, renderer, monkeypatch):
 
 
 def test_steps_on_one_mesh_reuse_its_device_data(linear, renderer):
-    """Maps, boxes and faces are there once, coefficients anew; frames are those of data that share nothing."""
+    """Maps, boxes and faces are there once, coefficients again; frames are those of data that share nothing."""
     mesh = grid(Shape.TETRAHEDRON, 1)
     steps = [linear(mesh), doubled(linear(mesh))]
     near = Camera((2.0, -1.6, 1.7), (0.5, 0.5, 0.5), fov=35.0)

@@ -1,4 +1,4 @@
-"""Compiled kernels that are kept: found again, checked, shared by processes, and never in the way of a picture."""
+"""Compiled kernels that are retained: found again, checked, shared by processes, and never in the way of a picture."""
 
 import os
 import shutil
@@ -33,7 +33,7 @@ with Device("vulkan") as device:
 
 @pytest.fixture
 def process(monkeypatch):
-    """Begin anew, as a new process does, with another folder where one is given."""
+    """Begin again, as a new process does, with another folder where one is given."""
 
     def begin(home=None):
         for cache in kernel_cache._caches.values():
@@ -62,7 +62,7 @@ def compose(renderer):
 
 
 def kept(home, suffix="kernel"):
-    """The files that are kept."""
+    """The files that are retained."""
     return sorted((home / "elvis" / "kernels").glob(f"*.{suffix}"))
 
 

@@ -1,4 +1,4 @@
-"""Pictures asked for from Python by the command line's names: the same scenes, and hints where names are wrong."""
+"""Pictures requested from Python by the command line's names: the same scenes, and hints where names are wrong."""
 
 from dataclasses import replace
 from pathlib import Path

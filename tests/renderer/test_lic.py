@@ -46,7 +46,7 @@ def flat():
 
 @pytest.fixture(scope="module")
 def solid():
-    """Flow in bent elements of every shape, with a core and a stagnation point."""
+    """Flow in curved elements of every shape, with a core and a stagnation point."""
     return data(
         curved(mixed_volume(0), ripple(0.03), 3),
         u=lambda p: 0.5 - p[:, 1] + 0.2 * p[:, 0] ** 2,
@@ -217,7 +217,7 @@ def assert_truncated(frame, lic, row, first, last):
 
 
 def test_lines_end_where_a_surface_hides_another(draw):
-    # two cubes beside one another in the picture, one half a unit nearer to the eye
+    # two cubes next to one another in the picture, one half a unit nearer to the eye
     cubes = data(grid(Shape.HEXAHEDRON, 2), p=lambda p: p[:, 0])
     ids = []
     for x, z in ((0.25, 0.25), (0.75, 0.75)):
@@ -340,7 +340,7 @@ def test_surfaces_in_space_show_the_part_along_them(draw):
     assert_alike(frame, truth)
 
 
-# what is asked for
+# what is requested
 
 
 @pytest.mark.parametrize(

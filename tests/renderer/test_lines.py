@@ -139,7 +139,7 @@ def test_circles(cut, shape, camera):
 
 @pytest.mark.parametrize("shape", [*Shape.of_dimension(2), *Shape.of_dimension(3)], ids=lambda shape: shape.label)
 def test_facets_of_reference_shapes(renderer, shape):
-    """The least of the facets that are found is the margin, anywhere; here it is 2, not 1, at the far end."""
+    """The smallest of the facets that are found is the margin, anywhere; here it is 2, not 1, at the far end."""
     dataset = with_field(one_element(shape), lambda p: p[..., 0])
     lines = Lines(DeviceVolume(renderer("vulkan").device, NativeVolume.of(dataset, "u")))
     facets = lines.facets(0)
@@ -378,7 +378,7 @@ def test_contours_on_faces_run_over_the_edges_of_a_cube(renderer):
 @pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.HEXAHEDRON], ids=lambda shape: shape.label)
 @pytest.mark.parametrize("camera", ["oblique", "perspective"])
 def test_contours_on_curved_faces_match_the_face(renderer, shape, camera):
-    # two fields with the same values on the bent upper face, of which one rises steeply towards it from below
+    # two fields with the same values on the curved upper face, of which one rises steeply towards it from below
     mesh, view = curved(grid(shape, 2), bent_volume, 3), View.through(CAMERAS[camera], SIZE)
     drawn = []
     for rise in (0.0, 100.0):

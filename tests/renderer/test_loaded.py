@@ -11,7 +11,7 @@ from elvis.renderer.traversal import Traversal
 
 
 class Part:
-    """Two elements; counts how often it is asked for bounds."""
+    """Two elements; counts how often it is requested bounds."""
 
     boxes, element_ids, buffers, degree = np.zeros((2, 6)), np.arange(2), {}, 1
     rounding = None

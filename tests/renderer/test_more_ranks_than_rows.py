@@ -16,7 +16,7 @@ from elvis.renderer.rendering import Pictures
 from elvis.scene import Camera, CutSurface, Faces, MeshLines, Plane, Scene, Style, Transfer, VolumeRendering
 
 TILTED = Plane((0.5, 0.45, 0.52), (0.3, 0.2, 1.0))
-#: what is fitted to the data takes a glance at them in each of the ranks: that of the other scenes alone
+#: what is fitted to the data takes a preview at them in each of the ranks: that of the other scenes alone
 GIVEN = Camera((2.9, -2.1, 1.9), (0.5, 0.5, 0.5), (0.0, 0.0, 1.0), height=1.8)
 SCENES = {
     "plane": Scene(plane=TILTED),
@@ -29,7 +29,7 @@ SCENES = {
 
 @pytest.fixture(scope="module")
 def bent():
-    """Six bent tetrahedra."""
+    """Six curved tetrahedra."""
     whole = curved(grid(Shape.TETRAHEDRON, 1), ripple(0.05), 3)
     return with_field(whole, lambda p: 0.5 + 0.5 * np.sin(2.0 * p[:, 0] + p[:, 1]) * np.cos(3.0 * p[:, 2] - p[:, 0]), 3)
 

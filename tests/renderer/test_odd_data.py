@@ -166,7 +166,7 @@ def test_a_map_given_as_fields_is_drawn(draw, linear):
 
 
 def test_a_preview_has_no_record(renderer, linear, tmp_path):
-    """Without reference coordinates pictures are the same, but exact records are refused."""
+    """Without reference coordinates pictures are the same, but exact records are rejected."""
     device, dataset = renderer("vulkan"), linear(grid(Shape.PRISM, 2))
     device.load(dataset, "u")
     scene = Scene("u", PLANE, size=(60, 50))

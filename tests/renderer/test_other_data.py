@@ -132,7 +132,7 @@ def test_unsupported_drawing_is_rejected(draw, own, jumping):
 @pytest.mark.parametrize("first", [Shape.TRIANGLE, Shape.QUADRILATERAL])
 @pytest.mark.parametrize("second", [Shape.TRIANGLE, Shape.QUADRILATERAL])
 def test_curved_plane_elements_of_both_meshes_are_located(draw, first, second):
-    """x - x^2 on other shapes and orders; beyond the border of the second, bent otherwise, there is no value."""
+    """x - x^2 on other shapes and orders; beyond the border of the second, curved otherwise, there is no value."""
     own = with_field(curved(grid(first, 2), ripple(0.05), 3), lambda p: p[:, 0], 4)
     theirs = with_field(curved(grid(second, 3), ripple(-0.03), 4), lambda p: p[:, 0], 7)
     frame = draw(own.with_others(ref=theirs), field="u - ref:u^2", objects=(Faces(),), size=(90, 70))

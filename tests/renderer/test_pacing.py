@@ -1,4 +1,4 @@
-"""Long work goes to the device in dispatches of bounded time: all is done once, and time limits are noticed."""
+"""Long work goes to the device in dispatches of bounded time: all is done once, and time limits are detected."""
 
 import numpy as np
 import pytest

@@ -51,7 +51,7 @@ try:
 except ImportError:
     pymetis = None
 
-#: what is fitted to the data takes a glance at them: that of some scenes alone
+#: what is fitted to the data takes a preview at them: that of some scenes alone
 GIVEN = Camera((2.9, -2.1, 1.9), (0.5, 0.5, 0.5), (0.0, 0.0, 1.0), height=1.8)
 LINES = Style(contours=Contours(count=6), mesh_lines=MeshLines())
 TILTED = Plane((0.5, 0.45, 0.52), (0.3, 0.2, 1.0))
@@ -85,13 +85,13 @@ def function(points):
 
 @pytest.fixture(scope="module")
 def bent():
-    """162 bent tetrahedra with a cubic field, and another one of mixed orders."""
+    """162 curved tetrahedra with a cubic field, and another one of mixed orders."""
     return with_field(curved(grid(Shape.TETRAHEDRON, 3), ripple(0.05), 3), function, 4)
 
 
 @pytest.fixture(scope="module")
 def mixed():
-    """All shapes, straight and bent, with fields of order 2 and 4."""
+    """All shapes, straight and curved, with fields of order 2 and 4."""
     whole = with_field(curved(mixed_volume(1), ripple(0.05), 3), lambda points: function(points / 3.0), 5)
     low = approximated(whole, "u", lambda points: function(points / 3.0), 3)
     (prisms,) = (block for block in low.blocks if block.expansion.shape is Shape.PRISM)
@@ -311,7 +311,7 @@ def test_bricks_of_files_match_the_whole(bent, tmp_path, monkeypatch):
 
 
 def bricks_asked_for(monkeypatch):
-    """Which bricks files and datasets in memory are asked for, each time."""
+    """Which bricks files and datasets in memory are requested, each time."""
     asked = []
     for source in (DatasetParts, InMemory):
         of = source.of
@@ -320,7 +320,7 @@ def bricks_asked_for(monkeypatch):
 
 
 def seen_from(angle):
-    """A camera that is given whole, as those of films that go round."""
+    """A camera that is given whole, as those of animations that go round."""
     eye = (0.5 + 3.0 * np.cos(angle), 0.5 + 3.0 * np.sin(angle), 1.5)
     return Camera(eye, (0.5, 0.5, 0.5), (0.0, 0.0, 1.0), height=1.6)
 

@@ -39,7 +39,7 @@ def straight():
 
 @pytest.fixture(scope="module")
 def bent():
-    """The same, bent ones."""
+    """The same, curved ones."""
     dataset, random = Dataset(curved(grid(Shape.TETRAHEDRON, 2), ripple(0.05), 3)), np.random.default_rng(0)
     return Dataset(dataset.mesh, (approximated(dataset, "u", lambda p: p[:, 0] + 0.1 * random.random(len(p)), 3),))
 
@@ -69,7 +69,7 @@ def by_ranks(dataset, scene, size):
 @pytest.mark.parametrize("size", [2, 3, 8])
 @pytest.mark.parametrize("name", SCENES)
 def test_pictures_of_distances_and_jumps_in_parts(request, name, size, tmp_path):
-    """Isosurfaces of distances to bent boundaries take long: to straight ones."""
+    """Isosurfaces of distances to curved boundaries take long: to straight ones."""
     dataset = request.getfixturevalue("bent" if "plane" in name or "faces" in name else "straight")
     scene = replace(SCENES[name], size=(48, 60))
     with Pictures(dataset, "vulkan") as pictures:

@@ -17,7 +17,7 @@ RADIUS = 0.03
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
-    """A series on bent quadrilaterals: u = 0.3, v = 0.6 t - 0.4."""
+    """A series on curved quadrilaterals: u = 0.3, v = 0.6 t - 0.4."""
     folder = tmp_path_factory.mktemp("paths")
     mesh = curved(grid(Shape.QUADRILATERAL, 2), ripple(0.03), 3)
     write(Dataset(mesh), folder / "mesh.xml")

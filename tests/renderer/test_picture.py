@@ -144,7 +144,7 @@ def test_the_framed_picture_contains_the_plain_one_a_colour_bar_and_text(frame):
     assert len(corner) == 1
     top, left = corner[0]
 
-    # to the right: all colours of the map, greatest value above; above: the dark letters of the title
+    # to the right: all colours of the map, largest value above; above: the dark letters of the title
     bar = framed[top : top + 60, left + 80 :]
     table = np.rint(frame.palette.table * 255).astype(np.uint8)
     column = next(bar[:, x] for x in range(bar.shape[1]) if (bar[30, x] == table[120:136]).all(axis=1).any())

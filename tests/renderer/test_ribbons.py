@@ -38,7 +38,7 @@ def screw(mesh):
 
 @pytest.fixture(scope="module")
 def screws():
-    """A swirling jet through bent elements of every shape."""
+    """A swirling jet through curved elements of every shape."""
     return screw(curved(mixed_volume(0), ripple(0.02), 3))
 
 

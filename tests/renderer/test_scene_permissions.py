@@ -131,7 +131,7 @@ def test_texts_invalid_as_file_names_or_utf8(folder, key, text):
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_names_that_are_not_text_are_not_written_to_scene_files(folder, suffix):
-    """YAML and JSON would write escapes, which are refused when they are read."""
+    """YAML and JSON would write escapes, which are rejected when they are read."""
     with pytest.raises(SceneError, match=rf"w\{suffix}: data\[0\]: expected text in UTF-8"):
         write_scene(Scene("u", data=(os.fsdecode(b"\xff.xml"),)), folder / f"w{suffix}")
     assert not (folder / f"w{suffix}").exists()

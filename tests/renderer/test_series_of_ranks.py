@@ -115,7 +115,7 @@ FILMS = {
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", FILMS)
 def test_animations(folder, name, tmp_path, parts_alone):
-    """Frames that are there are kept by all ranks."""
+    """Frames that are there are retained by all ranks."""
     kind, count, words = FILMS[name]
     command = ["animate", *steps(folder, kind)[: count + 1], *words, *CUT]
     run(*command, "-o", tmp_path / "ranks", size=2)
@@ -186,7 +186,7 @@ def test_tables_over_times(folder, name, tmp_path, parts_alone):
 @pytest.mark.parametrize("kind", ["h", "x"])
 @pytest.mark.parametrize("size", [1, 2])
 def test_fields_of_a_state_that_are_read(folder, kind, size, tmp_path, monkeypatch):
-    """Those alone that are asked for, by ranks as by one process."""
+    """Those alone that are requested, by ranks as by one process."""
     read = []
 
     def noted(make):
@@ -211,7 +211,7 @@ def test_fields_of_a_state_that_are_read(folder, kind, size, tmp_path, monkeypat
 
 
 def test_a_step_that_one_rank_cannot_read(folder, tmp_path, capsys):
-    """All pass it over, or end where it is asked for: the part is named, and nothing is written."""
+    """All pass it over, or end where it is requested: the part is named, and nothing is written."""
     shutil.copytree(folder, tmp_path / "damaged")
     with h5py.File(tmp_path / "damaged" / "h_2.chk", "r+") as file:
         values = file["NEKTAR/DATA"][()]

@@ -32,14 +32,14 @@ def constant(value):
 
 @pytest.fixture(scope="module")
 def circles():
-    """A rotation about (0.5, 0.5) in bent hexahedra."""
+    """A rotation about (0.5, 0.5) in curved hexahedra."""
     mesh = curved(grid(Shape.HEXAHEDRON, 2), ripple(0.05), 3)
     return data(mesh, u=lambda p: 0.5 - p[:, 1], v=lambda p: p[:, 0] - 0.5, w=constant(0))
 
 
 @pytest.fixture(scope="module")
 def helices():
-    """A screw about y = z = 0.5 through bent elements of every shape."""
+    """A screw about y = z = 0.5 through curved elements of every shape."""
     mesh = curved(mixed_volume(0), ripple(0.02), 3)
     return data(mesh, u=constant(0.3), v=lambda p: 0.5 - p[:, 2], w=lambda p: p[:, 1] - 0.5)
 
@@ -108,7 +108,7 @@ def screw(time):
 
 
 def entry(origin, along, radius, last):
-    """Where a ray first enters the balls about the screw, inf where it doesn't: the least of a function of one time."""
+    """Where a ray first enters the balls about the screw, otherwise inf: the minimum of a function of one time."""
 
     def depth(time):
         away = screw(time) - origin

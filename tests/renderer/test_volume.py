@@ -136,7 +136,7 @@ def test_inverted_elements_are_drawn(integrate):
 @pytest.mark.sampled(least=2, free=("shape",))
 @pytest.mark.parametrize("shape", SOLIDS)
 def test_inverted_curved_elements_have_the_same_chords(integrate, shape):
-    """The mirror image of a bent mesh, seen in the mirror: all its Jacobians are negative."""
+    """The mirror image of a curved mesh, seen in the mirror: all its Jacobians are negative."""
     mesh, mirrored = (curved(grid(shape, 2), lambda p, k=k: sheared(p) * [1, 1, k], 3) for k in (1, -1))
     lengths = []
     for data, side in ((mesh, 1), (mirrored, -1)):

@@ -67,7 +67,7 @@ def spans(view, kind):
     return np.where(met, np.stack([(-b - root) / a, (-b + root) / a], axis=1), 0.0)
 
 
-#: below 0 in a ball well within the cube; one expression, so that its kernels for bent elements are compiled once
+#: below 0 in a ball well within the cube; one expression, so that its kernels for curved elements are compiled once
 BALL = "(x-0.45)^2 + (y-0.55)^2 + (z-0.5)^2 - 0.09"
 SURFACES = {
     "plane": Plane(CENTRE, tuple(NORMAL)),
@@ -188,7 +188,7 @@ def sheared(points):
 
 
 def test_curved_elements_are_also_cut_and_composited(integrate):
-    """A sphere well within bent elements."""
+    """A sphere well within curved elements."""
     view = View.through(VIEWS["parallel"], SIZE)
     data = with_field(curved(grid(Shape.TETRAHEDRON, 2), sheared, 3), lambda p: p[:, 0], 4)
     free = integrate(data, view, EVEN)
@@ -219,7 +219,7 @@ def test_a_scene_cuts_its_volumes(draw, linear):
 @pytest.mark.thorough
 @pytest.mark.parametrize(("bent", "other", "expression"), [(False, "x", "u - 0.05"), (True, BALL, BALL)])
 def test_the_reference_shows_the_same(draw, bent, other, expression):
-    """Two volumes, a glass cut and three clips, among them an expression; straight and bent elements."""
+    """Two volumes, a glass cut and three clips, among them an expression; straight and curved elements."""
     mesh = grid(Shape.TETRAHEDRON, 2)
     mesh = curved(mesh, sheared, 3) if bent else mesh
     data = with_field(mesh, lambda p: ((p - 0.4) ** 2).sum(axis=1), 4 if bent else 3)

@@ -86,7 +86,7 @@ def test_inverted_elements_are_drawn_and_reported(draw, bent):
 
 
 def test_unlocated_points_fail_and_are_reported(draw, monkeypatch):
-    """One face of each element is kept from the march, in the right half: these pixels fail, with a remark."""
+    """One face of each element is retained from the march, in the right half: these pixels fail, with a remark."""
     data = rising(curved(grid(Shape.TETRAHEDRON, 1), lambda p: p + 0.05 * p[:, ::-1] ** 2, 3), 4)
     found = FaceDrawer.visible_patches
 

@@ -18,7 +18,7 @@ def watch(*arguments):
 
 @pytest.fixture
 def run(tmp_path, monkeypatch):
-    """A folder with a mesh, into which one of three steps is written whenever it is looked at for the third time."""
+    """A folder with a mesh, into which one of three steps is written whenever it is examined for the third time."""
     (folder := tmp_path / "run").mkdir()
     mesh = Dataset(grid(Shape.TETRAHEDRON, 1))
     write(mesh, folder / "mesh.xml")

@@ -1,7 +1,7 @@
 """One theorem for all bounds: values lie within them, and some come near their ends.
 
 A claim is a function of a random generator that yields pairs (found, bound).  Operands have radii of order one and
-errors of 0.1, and values are taken at their corners, so that no term of a bound is small beside the others.
+errors of 0.1, and values are taken at their corners, so that no term of a bound is small next to the others.
 """
 
 import numpy as np

@@ -165,7 +165,7 @@ class Brick:
         return trees, faces, names
 
     def write(self, path: Path, kind: str) -> Path:
-        """A P4estMesh, with p4est's file beside, or a T8codeMesh."""
+        """A P4estMesh, with p4est's file next to, or a T8codeMesh."""
         trees, faces, names = self.sides()
         with h5py.File(path, "w") as file:
             file.attrs["mesh_type"], file.attrs["ndims"] = kind, self.dimension

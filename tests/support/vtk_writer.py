@@ -55,7 +55,7 @@ def linear(x):
 
 
 def one(kind, nodes, degrees=(0, 0, 0), seed=0, scale=0.03):
-    """A bent cell with a linear function of the coordinates, which its functions reproduce whatever its nodes are."""
+    """A curved cell with a linear function of the coordinates, which its functions reproduce whatever its nodes are."""
     cell = Cell(Kind(kind, nodes, degrees), "")
     x = cell.nodes + scale * np.random.default_rng(seed).uniform(-1, 1, cell.nodes.shape)
     if cell.shape.dimension < 3:
@@ -65,7 +65,7 @@ def one(kind, nodes, degrees=(0, 0, 0), seed=0, scale=0.03):
 
 
 def cube(kind=71, order=2, shift=0.0):
-    """Points and cells of two bent tetrahedra that share a face."""
+    """Points and cells of two curved tetrahedra that share a face."""
     cell = Cell(Kind(kind, NODES[LAGRANGE[kind]](order)), "")
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]], float) + np.array([shift, 0, 0])
     parts = [corners[list(c)] for c in ((0, 1, 2, 3), (1, 4, 2, 3))]

@@ -24,7 +24,7 @@ HOSTILE = "<img src=x onerror=alert(1)>"
 
 @pytest.fixture(scope="session")
 def wave(tmp_path_factory):
-    """Files of bent hexahedra with two fields, the name of one of which is an element of HTML."""
+    """Files of curved hexahedra with two fields, the name of one of which is an element of HTML."""
     mesh = curved(grid(Shape.HEXAHEDRON, 2), ripple(0.05), n=3)
     bare = Dataset(mesh)
     fields = (

@@ -68,7 +68,7 @@ async def until(holds):
 
 
 def test_two_pictures_at_most_are_on_their_way():
-    """While something moves, pictures are left out where there is no room; the last one at rest is kept for later."""
+    """While something moves, pictures without room are dropped; the last one at rest is retained for later."""
 
     async def work():
         sent, most = [], 0

@@ -19,7 +19,7 @@ from elvis.viewer.moments import source_of
 
 @pytest.fixture
 def limited(tmp_path):
-    """A scene with a limit of memory, of bent hexahedra in files that are read by bricks."""
+    """A scene with a limit of memory, of curved hexahedra in files that are read by bricks."""
     bare = Dataset(curved(grid(Shape.HEXAHEDRON, 5), ripple(0.05), n=3))
     data = Dataset(bare.mesh, (approximated(bare, "u", lambda x: x[:, 0] * x[:, 1], 3),))
     files = write(data, tmp_path / "bent.xml", mesh_format="hdf5", field_format="hdf5")

@@ -258,7 +258,7 @@ def test_proof_is_shown_in_grey_until_it_is_not(page, viewer):
 
 
 def test_the_range_is_set_by_values(page, viewer):
-    """They begin with those that are shown, and go again; what is refused leaves no trace in the panel."""
+    """They begin with those that are shown, and go again; what is rejected leaves no trace in the panel."""
     row = page.locator(".elvis-panel > .elvis-row").filter(has_text="range")
     low, high = page.evaluate("elvis.picture.ranges.u")
     row.locator("select").select_option("own values")
@@ -370,7 +370,7 @@ def test_names_are_grouped_and_found_by_typing(page):
 
 
 def test_a_value_is_copied_with_all_digits(page, viewer, scene):
-    """Six digits stand beside the pointer."""
+    """Six digits stand next to the pointer."""
     width, height = page.evaluate("window.elvis.picture.image.slice(2)")
     page.mouse.move(*canvas_place(page, width // 2, height // 2))
     page.locator(".elvis-tip").wait_for()

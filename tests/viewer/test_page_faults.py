@@ -24,9 +24,9 @@ def test_another_page_is_synchronised(browser, page, viewer):
 
 
 def test_a_link_brings_the_view_back(page, viewer):
-    """Its fragment is a change as any other, and is no part of what the server is asked for."""
+    """Its fragment is a change as any other, and is no part of what the server is requested."""
     page.get_by_title("View -y").click()
-    # the controls are made anew with what is known of the picture
+    # the controls are made again with what is known of the picture
     settled(page, viewer)
     setting(page, "palette").fill("magma")
     setting(page, "palette").press("Enter")

@@ -15,7 +15,7 @@ pytest.importorskip("anywidget")
 
 @pytest.fixture(scope="module")
 def opened(scene):
-    """A viewer whose messages to its page are kept."""
+    """A viewer whose messages to its page are retained."""
     own = view(read(*scene.data), scene)
     own.sent = []
 

@@ -1,7 +1,7 @@
 """Random integrals with closed forms: kinks, jumps, bumps, near poles, small supports and singularities.
 
 An integrand is a product of functions of one coordinate each, or a paraboloid over a small disc or ball.  The domain is
-the unit cube of a random shape and order; bent meshes keep its border, so that the closed form holds.
+the unit cube of a random shape and order; curved meshes keep its border, so that the closed form holds.
 """
 
 from __future__ import annotations

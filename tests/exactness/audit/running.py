@@ -44,7 +44,7 @@ class Gallery:
             self.renderer.device.close()
 
     def frame(self, data, scene):
-        """The frame of a scene; one of misses where the scene is refused since nothing would be seen.
+        """The frame of a scene; one of misses where the scene is rejected since nothing would be seen.
 
         GivenUpError where it takes too long.
         """

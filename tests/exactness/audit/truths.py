@@ -1,4 +1,4 @@
-"""What rays meet, in closed form: along a ray all straight coordinates are quadratic, and so is what is looked for."""
+"""Hits of rays in closed form: along a ray all straight coordinates are quadratic, and so is the function sought."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -21,7 +21,7 @@ class Truth:
     depth      (n, k)  where something may be hit, infinite where nothing is
     sure       (n, k)  whether it must be: it is farther than the tolerance from every border and from touching
     slack      (n, k)  how far a depth may be off
-    free       (n,)    rays that run within what is looked for: anything is right
+    free       (n,)    rays that run within what is searched for: anything is right
     field      Polynomial of the values seen; None where they are not compared
     tolerance  of values, next to the rounding of places
     """
@@ -39,7 +39,7 @@ class Rays:
     """The rays of a view in a world.
 
     quadratics  (n, 3, 3) coefficients of 1, t, t^2 of the straight coordinates along each ray
-    extent      greatest coordinate that takes part in computing them
+    extent      largest coordinate that takes part in computing them
     rounding    (3,) of straight coordinates
     """
 
@@ -145,7 +145,7 @@ def in_box(rays, axes=(0, 1, 2)):
 
 
 def in_elements(rays):
-    """All elements of a mesh that is no cube, for surface_roots; slack as in in_box."""
+    """All elements of a mesh that is not a cube, for surface_roots; slack as in in_box."""
     slack = BORDER + float(rays.rounding.max())
 
     def inside(points):

@@ -1,4 +1,4 @@
-"""Meshes whose maps have an inverse in closed form: affine elements, bent by polynomials, put anywhere at any scale.
+"""Meshes whose maps have an inverse in closed form: affine elements, curved by polynomials, put anywhere at any scale.
 
 Straight coordinates X, Y, Z are those of the affine mesh, local ones x = X + a Y^2 + e Y, y = Y, z = Z + b Y^2 + f Y.
 World coordinates are shift + scale * local; all numbers are dyadic, so that all data are exact.
@@ -148,7 +148,7 @@ def _side(corners, side):
 
 
 def margins(sides, ids, points):
-    """(n,) least distance of straight points (n, 3) from the sides of elements ``ids`` (n,), positive inside."""
+    """(n,) smallest distance of straight points (n, 3) from the sides of elements ``ids`` (n,), positive inside."""
     chosen = sides[ids]
     return (np.einsum("nij,nj->ni", chosen[:, :, :3], points.astype(float)) + chosen[:, :, 3]).min(axis=1)
 
@@ -195,7 +195,7 @@ def world(rng, dimension=3, shapes=None, placements=tuple(PLACEMENTS), bends=tup
     cells = int(rng.choice([1, 2, 2, 4] if dimension == 2 else [1, 2, 2]))
     place, bend, shear = (str(rng.choice(some)) for some in (placements, bends, tuple(SHEARS)))
     join = str(rng.choice(joins))
-    # each of two bent elements at one place is searched for every pixel that the other does not own, on the host
+    # each of two curved elements at one place is searched for every pixel that the other does not own, on the host
     bend = "straight" if join == "doubled" else bend
     mesh = {"joined": lambda mesh: mesh, "doubled": doubled, "apart": apart}[join](grid(shape, cells))
     shift, scale = PLACEMENTS[place]

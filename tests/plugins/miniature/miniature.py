@@ -15,7 +15,7 @@ def hello(name):
 @click.command("fail", short_help="Fail.")
 @click.argument("how")
 def fail(how):
-    """Fail in the way asked for."""
+    """Fail in the requested way."""
     failures = {
         "format": ElvisError("wing.xml: VERTEX 3:\n expected 3 numbers,\tfound \x1b[31m2"),
         "file": FileNotFoundError(2, "No such file or directory", "/nowhere/wing.xml"),
@@ -50,7 +50,7 @@ not_a_command = "text"
 @click.command("wait", short_help="Wait to be interrupted.")
 @click.argument("how")
 def wait(how):
-    """Wait, in the way asked for, and say when."""
+    """Wait, in the requested way, and say when."""
     import time
 
     class Slow:

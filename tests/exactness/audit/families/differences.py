@@ -1,6 +1,6 @@
-"""Greatest differences of polynomials on two meshes, of any orders and bends, against dense samples.
+"""Largest differences of polynomials on two meshes, of any orders and bends, against dense samples.
 
-No sample may exceed the bound, nor the greatest difference that is stated by more than a part of it.  The points count
+No sample may exceed the bound, nor the largest difference that is stated by more than a part of it.  The points count
 like pixels.
 """
 
@@ -19,7 +19,7 @@ from elvis.scene.frame import Status
 
 #: by how much a sample may be greater than what is stated, in parts of it
 CLOSE = 1e-6
-#: widths of clouds of further samples around the greatest one
+#: widths of clouds of further samples around the largest one
 CLOUDS = (0.02, 0.003)
 
 

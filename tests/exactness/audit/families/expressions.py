@@ -1,4 +1,4 @@
-"""Isosurfaces of expressions made at random, on bent elements of all shapes, against dense samples of the rays.
+"""Isosurfaces of expressions made at random, on curved elements of all shapes, against dense samples of the rays.
 
 u, v and w are cubic polynomials of straight coordinates. The map x = X + a Y^2, y = Y + c Y^2, z = Z + d X Z + b Y^2
 has an inverse in closed form, and a Jacobian that is not constant; so have values and derivatives in the world.
@@ -64,7 +64,7 @@ def _squares(g):
 
 @dataclass(frozen=True, eq=False)
 class Bent(World):
-    """A world whose map is bent in all three directions; ``more`` are c and d, ``bend`` a and b."""
+    """A world whose map is curved in all three directions; ``more`` are c and d, ``bend`` a and b."""
 
     more: tuple[float, float] = (0.0, 0.0)
 
@@ -176,7 +176,7 @@ def differentiated(polynomial, axis):
 
 
 def placed_world(rng):
-    """A bent world at random."""
+    """A curved world at random."""
     shapes = Shape.of_dimension(3)
     shape, cells = shapes[rng.integers(len(shapes))], int(rng.choice([1, 1, 2]))
     place = str(rng.choice(["plain", "plain", "off", "mirrored"]))

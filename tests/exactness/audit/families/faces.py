@@ -1,4 +1,4 @@
-"""Outer faces of bent cubes, from all sides and from inside."""
+"""Outer faces of curved cubes, from all sides and from inside."""
 
 from functools import partial
 

@@ -72,7 +72,7 @@ def count_elements(own, form, parts, case, found):
 
 
 def _least(parts, low, high):
-    """Least value of a quadratic on an interval of dyadic numbers, in fractions, rounded last."""
+    """Smallest value of a quadratic on an interval of dyadic numbers, in fractions, rounded last."""
     constant, linear, quadratic = parts
     places = [Fraction(low), Fraction(high)]
     if quadratic > 0 and places[0] < -linear / (2 * quadratic) < places[1]:

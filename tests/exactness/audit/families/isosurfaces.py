@@ -28,7 +28,7 @@ FACTORS = (1, 1, -1, Fraction(1, 2**17), 1024)
 def roots_of(rng, family, highest):
     """Offsets of roots from the first, with their multiplicities; and what is added to the product.
 
-    Where that is not 0 there is no root at all; ``highest`` is the greatest degree that the product may have.
+    Where that is not 0 there is no root at all; ``highest`` is the largest degree that the product may have.
     """
     if family == "multiplicity":
         return [(0, int(rng.choice([times for times in (1, 1, 3, 3, 5, 7) if times <= highest])))], 0
@@ -77,7 +77,7 @@ def case(family, rng, size):
 
 
 def extent(form):
-    """Least and greatest value of a linear form on the unit cube."""
+    """Minimum and maximum value of a linear form on the unit cube."""
     parts = list(form.terms.values())
     return sum(min(part, 0) for part in parts), sum(max(part, 0) for part in parts)
 

@@ -12,7 +12,7 @@ from elvis.core.dataset import Dataset
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, grid
 
-#: greatest error of a colour that is asked for
+#: largest error of a colour that is requested
 ERROR = 1e-3
 #: expressions of x, c and w; the values of the transfer function's ends, and its densities there, in parts of 1 / w
 EXPRESSIONS = {

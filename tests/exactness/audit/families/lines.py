@@ -1,4 +1,4 @@
-"""Streamlines of linear and Hamiltonian fields with known solutions, from seeds in awkward places of bent elements.
+"""Streamlines of linear and Hamiltonian fields with known solutions, from seeds in awkward places of curved elements.
 
 The maps are polynomials with explicit inverses (`worlds`), and so are the velocities in their elements: a flow in
 straight coordinates X is carried to the world by x = map(X).  Points count like pixels.

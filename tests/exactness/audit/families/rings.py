@@ -66,7 +66,7 @@ def case(rng, size):
         surface = float(rng.integers(1, 16)) / 16
         scene = {"objects": (Isosurface((surface,)),)}
     scene |= {"field": "u", "camera": view, "size": size}
-    # of isosurfaces of fields that are no polynomials nothing is proved
+    # of isosurfaces of fields that are not polynomials nothing is proved
     return Case(
         f"ring, {what} {surface}, {view}", ring(), scene, partial(count, own, what, surface), what != "isosurface"
     )

@@ -14,7 +14,7 @@ from audit.validating import counted_as
 from audit.worlds import world
 from elvis import Transfer, VolumeRendering
 
-#: greatest error of a colour that is asked for
+#: largest error of a colour that is requested
 ERROR = 1e-3
 WHITE = (1.0, 1.0, 1.0)
 
