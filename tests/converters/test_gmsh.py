@@ -429,6 +429,19 @@ def test_fields_on_a_part_exist_only_there(session, tmp_path, kind):
     assert np.abs(found[is_held] - wanted).max() < 1e-11
 
 
+def test_contradicting_values_are_reported(session, tmp_path):
+    mixed(1)
+    one, other = add_view("same", linear), add_view("same", wave)
+    first = convert(Gmsh([save(tmp_path / "one.msh", views=[one])]))
+    both = convert(Gmsh([save(tmp_path / "two.msh", views=[one, other])]))
+    twice = convert(Gmsh([save(tmp_path / "twice.msh", views=[one, one])]))
+    assert "several values" in " ".join(both.report.notes)
+    assert "several values" not in " ".join((*first.report.notes, *twice.report.notes))
+    assert both.dataset.field("same").blocks[0].coefficients == pytest.approx(
+        first.dataset.field("same").blocks[0].coefficients, abs=0
+    )
+
+
 def test_other_files_are_rejected(tmp_path):
     path = tmp_path / "other.msh"
     for text in ("", "neither"):

@@ -58,6 +58,18 @@ class _Values:
         order = np.argsort(tags, kind="stable")
         return cls(name, sections[0], tags[order], starts[order], counts[order], table)
 
+    def contradictions(self) -> int:
+        """The number of tags that are listed again with other values."""
+        again = np.flatnonzero(self.tags[1:] == self.tags[:-1])
+        differs = self.counts[again] != self.counts[again + 1]
+        for number in range(int(self.counts[again].max(initial=0))):
+            has_value = ~differs & (number < self.counts[again])
+            first, second = self.starts[again[has_value]] + number, self.starts[again[has_value] + 1] + number
+            one, other = self.table[first], self.table[second]
+            is_equal = (one == other) | (np.isnan(one) & np.isnan(other))
+            differs[has_value] = ~is_equal.all(axis=1)
+        return len(np.unique(self.tags[again[differs]]))
+
     def extent(self, group: Group, mesh: Mesh) -> Ints:
         """(n,) the nodes of the elements of a group that have values; for values of elements all or none.
 
@@ -161,6 +173,10 @@ class Gmsh(NodalConverter):
         read = [_Values.of(name, sections) for name, _, sections in series]
         for values in read:
             self._check_tags(values.section, values.tags)
+            if number_of := values.contradictions():
+                what = "nodes" if values.section.kind == "NodeData" else "elements"
+                left = f"{values.section.name} has several values on {number_of} {what}; the first ones are used"
+                self.notes = [*self.notes, left]
         self._split(read)
         for values in read:
             self._add(values)
