@@ -41,7 +41,7 @@ def volume_of(data: Dataset | PluginData, quantities: Sequence[str | Expression]
     """
     if isinstance(data, Dataset):
         return NativeVolume.of(data, quantities)
-    return _open(data, [one.text if isinstance(one, Expression) else one for one in quantities])
+    return _open(data, quantities)
 
 
 def names_of(data: Dataset | PluginData) -> Names:
@@ -52,10 +52,10 @@ def names_of(data: Dataset | PluginData) -> Names:
     return Names(data.fields, time=own if data.time is None else data.time, parameters=data.reference)
 
 
-def _open(opened: PluginData, texts: Sequence[str]) -> Volume:
+def _open(opened: PluginData, quantities: Sequence[str | Expression]) -> Volume:
     """A plugin's volume; expressions use the values and gradients of its fields."""
     names = names_of(opened)
-    expressions = [Expression.parse(text, names) for text in texts]
+    expressions = [one if isinstance(one, Expression) else Expression.parse(one, names) for one in quantities]
     volumes = volumes_of(opened, expressions)
     volume = next(iter(volumes.values()))
     if expressions[0].is_field and len(expressions) == 1:

@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from elvis.renderer.in_situ import Session
     from elvis.renderer.rendering import Renderer, render
     from elvis.scene.convolution import Lic
+    from elvis.scene.copies import Copies, Repeat, Turn
     from elvis.scene.errors import SceneError
     from elvis.scene.frame import Frame, Status
     from elvis.scene.objects import (
@@ -76,6 +77,7 @@ __all__ = [
     "Composite",
     "Cone",
     "Contours",
+    "Copies",
     "CriticalPoints",
     "Curves",
     "CutSurface",
@@ -103,6 +105,7 @@ __all__ = [
     "Plane",
     "Reference",
     "Renderer",
+    "Repeat",
     "Samples",
     "Scene",
     "SceneError",
@@ -118,6 +121,7 @@ __all__ = [
     "TracedLines",
     "Transfer",
     "TriangleMesh",
+    "Turn",
     "VolumeRendering",
     "VortexCores",
     "__version__",
@@ -247,6 +251,11 @@ NAMES = {
         "render",
     ),
     "elvis.scene.convolution": ("Lic",),
+    "elvis.scene.copies": (
+        "Copies",
+        "Repeat",
+        "Turn",
+    ),
     "elvis.scene.errors": ("SceneError",),
     "elvis.scene.frame": (
         "Frame",

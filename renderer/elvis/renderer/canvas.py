@@ -135,6 +135,7 @@ class Canvas:
             stats["volume"] = {**self.painter.volume_counts, "inverted_elements": self.stages.inverted_elements}
         record, element, reference = (arrays[name] for name in ("field", "element", "reference"))
         reference = reference if self.records else None
+        drawing = replace(drawing, copies=arrays["copy"] if self.scene.copies and self.records else None)
         return Frame(self.scene, self.view, record, element, reference, arrays["status"], stats, drawing)
 
     def _take_others(self) -> None:
@@ -199,6 +200,8 @@ class Canvas:
         self._keep("element", rows, inner(self.stages.loaded.ids.take(record.owner, mode="clip")))
         known = record.uncertainty
         self._keep("uncertainty", rows, inner(np.full(band.view.count, np.nan) if known is None else known))
+        if self.scene.copies is not None:
+            self._keep("copy", rows, inner(np.full(band.view.count, -1) if record.copies is None else record.copies))
         for name in ("field", "depth", "reference", "normal"):
             self._keep(name, rows, inner(getattr(record, name)))
 
@@ -259,7 +262,7 @@ def _arrays(view: View, records: bool) -> dict[str, Any]:
 
 def _record(shape: tuple[int, int], full: Callable[..., NDArray[Any]]) -> dict[str, NDArray[Any]]:
     """The channels of a record, initially without any visible point."""
-    values = {"field": np.nan, "depth": np.inf, "element": -1, "uncertainty": np.nan}
+    values = {"field": np.nan, "depth": np.inf, "element": -1, "copy": -1, "uncertainty": np.nan}
     scalars = {name: full(shape, value) for name, value in values.items()}
     return scalars | {name: full((*shape, 3), np.nan) for name in ("reference", "normal")}
 

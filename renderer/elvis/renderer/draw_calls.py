@@ -13,6 +13,7 @@ from elvis.scene.surfaces import Surface
 from elvis.scene.view import View
 
 if TYPE_CHECKING:
+    from elvis.renderer.copied import Copy
     from elvis.renderer.stages import Stages
 
 Draw = Callable[[View, Floats | None], HitBuffer]
@@ -31,6 +32,9 @@ class DrawCall:
     ghost     stages of the undeformed geometry, if the surface belongs to it: such surfaces have no part in ranges and
               records
     bare      whether only its lines are drawn
+    copy      the copy of the data whose surface it is; None without copies.  Then hits are those of the data, seen in
+              the view that `view_of` returns
+    is_inside whether it lies in the elements, unlike tubes and glyphs
     """
 
     name: str
@@ -43,8 +47,24 @@ class DrawCall:
     level: float | None = None
     ghost: Stages | None = None
     bare: bool = False
+    copy: Copy | None = None
+    is_inside: bool = True
 
     @property
     def opacity(self) -> float:
         """Opacity of the surface itself."""
         return 0.0 if self.bare else self.style.opacity
+
+    def view_of(self, view: View) -> View:
+        """The view in which its hits are those of the data."""
+        return view if self.copy is None else self.copy.view(view)
+
+    def on_device(self, quantity: str | None) -> str | None:
+        """The quantity of the data that a quantity of the scene is on this surface; None is the scene's field."""
+        return quantity if self.copy is None else self.copy.on_device(quantity)
+
+    def in_world(self, hits: HitBuffer) -> HitBuffer:
+        """Its hits, with normals in space."""
+        if self.copy is None or self.copy.isometry.is_identity:
+            return hits
+        return hits.turned(self.copy.isometry.matrix)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Floats
+from elvis.core.arrays import Bools, Floats, Ints
 from elvis.renderer.pixels import NOBODY
 from elvis.scene.frame import Status
 
@@ -55,6 +55,7 @@ class HitBuffer:
                  hit; None: bounds of a surface that is given analytically
     doubt      (n,)    depths beyond which a surface may have been missed, infinite without doubt; None: none
     clear      (n,)    clips remove nothing nearer than this to the hit, in world units; None: there are no clips
+    copies     (n,)    in a record, numbers of the copies that are hit, -1 without a hit; None: there are no copies
     """
 
     owner: NDArray[np.uint32]
@@ -72,6 +73,7 @@ class HitBuffer:
     uncertainty: Floats | None = default(default_factory=lambda: None)
     doubt: Floats | None = default(default_factory=lambda: None)
     clear: Floats | None = default(default_factory=lambda: None)
+    copies: Ints | None = default(default_factory=lambda: None)
 
     @staticmethod
     def empty(count: int) -> HitBuffer:
@@ -92,7 +94,7 @@ class HitBuffer:
         """
         hits = object.__new__(HitBuffer)
         absent = {"side": None, "flat": None, "sections": None, "offset": 0.0}
-        absent |= {"near_squares": None, "uncertainty": None, "doubt": None, "clear": None}
+        absent |= {"near_squares": None, "uncertainty": None, "doubt": None, "clear": None, "copies": None}
         made = made or {}
         vars(hits).update({name: value for name, value in absent.items() if name not in {**held, **made}})
         vars(hits).update(known, held=held, _made=made, _device=device)
@@ -166,6 +168,21 @@ class HitBuffer:
         if name == "normal" and self.flat is not None:
             return device.buffer(self.flat)
         return self.on(device, "owner" if name == "side" and self.side is None else name)
+
+    def turned(self, rotation: Floats) -> HitBuffer:
+        """The hit buffer with normals R n, for an orthogonal matrix R (3, 3)."""
+        other = copy(self)
+        other.held = {name: own for name, own in self.held.items() if name != "normal"}
+        other.flat = None if self.flat is None else rotation @ self.flat
+        vars(other).pop("normal", None)
+        vars(other)["_made"] = {**vars(self).get("_made", {}), "normal": lambda: self.normal @ rotation.T}
+        return other
+
+    def of_copies(self, copies: Ints) -> HitBuffer:
+        """The hit buffer with numbers of copies (n,)."""
+        other = copy(self)
+        other.copies = copies
+        return other
 
     def showing(self, values: Floats) -> HitBuffer:
         """The hit buffer with other values (n,) as its field."""

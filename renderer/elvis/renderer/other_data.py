@@ -213,9 +213,18 @@ class OtherData:
     volumes: Mapping[str, OtherVolume] = default(default_factory=dict)
 
     @staticmethod
-    def of(device: Device, dataset: Dataset, texts: Sequence[str], before: OtherData | None = None) -> OtherData:
-        """The requests of some quantities to their data; data that are on the device from ``before`` stay there."""
-        expressions = [Expression.of(dataset, text) for text in texts]
+    def of(
+        device: Device,
+        dataset: Dataset,
+        texts: Sequence[str],
+        before: OtherData | None = None,
+        further: Sequence[Expression] = (),
+    ) -> OtherData:
+        """The requests of some quantities to their data; data that are on the device from ``before`` stay there.
+
+        further  quantities that are not given as texts
+        """
+        expressions = [*(Expression.of(dataset, text) for text in texts), *further]
         compounds = {each.text: made for each in expressions if (made := Compound.of(each)).others}
         own: dict[str, Expression] = {}
         for each in expressions:

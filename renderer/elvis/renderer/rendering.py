@@ -28,6 +28,8 @@ from elvis.renderer.bands import Bands
 from elvis.renderer.bricks import Bricks, InMemory, timed
 from elvis.renderer.canvas import BAND, Canvas, check_memory
 from elvis.renderer.completing import arranged, default_field, kind_of, other_device, with_quantity
+from elvis.renderer.copied import CopiedData, surrounding_copies
+from elvis.renderer.copy_checks import check_copies, check_drawable, periods_of
 from elvis.renderer.curves import draw_curves
 from elvis.renderer.deformed_data import DeformedData
 from elvis.renderer.device import Device
@@ -50,7 +52,7 @@ from elvis.renderer.series_range import with_range
 from elvis.renderer.shading import Painter
 from elvis.renderer.stages import Stages
 from elvis.renderer.tiles import TILE
-from elvis.scene import Camera, Plane, Scene, Vector
+from elvis.scene import Camera, Copies, Plane, Scene, Vector
 from elvis.scene.bare_mesh import REMARK, of_mesh
 from elvis.scene.errors import AbsentError, SceneError
 from elvis.scene.fitting import automatic, empty_picture_remark, is_of_elements, surrounding
@@ -133,6 +135,7 @@ class Pictures:
         self._quantities: tuple[str, ...] = ()
         self._time: float | None = None
         self._ghosts: dict[str, Dataset] = {}
+        self._copies: Copies | None = None
         self._remarks: Sequence[str] = ()
         self._take(data)
 
@@ -171,6 +174,7 @@ class Pictures:
         self._deformed = DeformedData(self.data, self.data is data)
         self._geometry: Dataset | PluginData = self.data
         self._checked: tuple[str, float | None] | None = None
+        self._examined: tuple[Copies, Dataset | PluginData] | None = None
         self._conversion: tuple[object, tuple[str, ...]] = (None, ())
 
     def draw(self, scene: Scene) -> Frame:
@@ -178,6 +182,8 @@ class Pictures:
         asked, scene, data, remarks = self._arranged(scene)
         other = other_device(self.device)
         check_ghosts(scene, self._kind, self.device, other is None)
+        if scene.copies is not None:
+            self._check_copies(scene, scene.copies, data)
         if other is not None:
             return note(other(data, scene), asked, data, remarks)
         if self._kind is Kind.LINE and isinstance(data, Dataset):
@@ -193,6 +199,14 @@ class Pictures:
             return self.draw(scene).view.camera
         return self._with_volume(data, shown).view(shown).camera
 
+    def _check_copies(self, scene: Scene, copies: Copies, data: Dataset | PluginData) -> None:
+        """SceneError for copies that can't be drawn, and those that overlap; examined once for the same copies."""
+        check_drawable(scene, self._kind, is_whole=self._part is None and self._bricks is None)
+        known = copies, self._geometry
+        if self._examined != known:
+            check_copies(copies, data)
+            self._examined = known
+
     def _arranged(self, scene: Scene) -> tuple[Scene, Scene, Dataset | PluginData, tuple[str, ...]]:
         """The requested scene, the scene that shows it, the data of its picture and remarks on them."""
         data = self._deformed.of(scene)
@@ -204,6 +218,8 @@ class Pictures:
         if not scene.field and isinstance(data, Dataset) and not data.solution:
             scene, data = of_mesh(scene), replace(data, remarks=(*data.remarks, REMARK))
         scene = scene if scene.field else replace(scene, field=default_field(data))
+        if scene.copies is not None:
+            scene = replace(scene, copies=scene.copies.with_periods(periods_of(data)))
         data = timed(data, scene.time) if isinstance(data, Dataset) else data
         if self._checked != (scene.field, scene.time):
             scene = with_quantity(scene, data)
@@ -264,14 +280,15 @@ class Pictures:
         known, renderer = self._quantities, self._opened()
         ghosts = self._deformed.ghosts(scene)
         is_known = known[:1] == wanted[:1] and set(wanted) <= set(known) and self._time == scene.time
-        if is_known and self._ghosts == ghosts:
+        if is_known and self._ghosts == ghosts and self._copies == scene.copies:
             return renderer
-        self._quantities, self._ghosts = (), ghosts
+        self._quantities, self._ghosts, self._copies = (), ghosts, scene.copies
+        copied = CopiedData.of(scene, names_of(data))
         if isinstance(data, Dataset):
-            renderer.load(data, *wanted, ghosts=ghosts)
+            renderer.load(data, *wanted, ghosts=ghosts, copied=copied)
         else:
-            volume = volume_of(data, wanted)
-            renderer.show(volume, data)
+            volume = volume_of(data, [*wanted, *copied.expressions])
+            renderer.show(volume, data, copied=copied)
             # a runtime plugin's elements are tried first
             self._remarks = check_volume(data.name, volume, renderer)
         self._quantities, self._time = wanted, scene.time
@@ -309,22 +326,37 @@ class Renderer:
         self._ghosts.clear()
         self.device.close()
 
-    def load(self, dataset: Dataset, *quantities: str, ghosts: Mapping[str, Dataset] | None = None) -> None:
+    def load(
+        self,
+        dataset: Dataset,
+        *quantities: str,
+        ghosts: Mapping[str, Dataset] | None = None,
+        copied: CopiedData | None = None,
+    ) -> None:
         """Load fields of a dataset, or other quantities, onto the device; the first is the field of its scenes.
 
         ghosts  geometries that are drawn next to the data, by name
+        copied  copies of the data that are drawn too
         """
         start = perf_counter()
         before = None if self._stages is None else self._stages.others
-        others = OtherData.of(self.device, dataset, quantities, before)
-        self.show(volume_of(dataset, others.own), dataset, others)
+        further = () if copied is None else copied.expressions
+        others = OtherData.of(self.device, dataset, quantities, before, further)
+        self.show(volume_of(dataset, others.own), dataset, others, copied)
         self._ghosts.show(ghosts or {}, others.own, self.stages)
         self.seconds["load"] = perf_counter() - start
 
-    def show(self, volume: Volume, made_of: Made = None, others: OtherData | None = None) -> None:
+    def show(
+        self,
+        volume: Volume,
+        made_of: Made = None,
+        others: OtherData | None = None,
+        copied: CopiedData | None = None,
+    ) -> None:
         """Load a volume onto the device; ``made_of`` is its dataset, or the data of a runtime plugin, if known.
 
         others  data on other meshes that its quantities need
+        copied  copies of the data that are drawn too
         """
         # runtime plugins don't state whether maps are unchanged
         last = self._stages
@@ -333,6 +365,7 @@ class Renderer:
         if before is None or not (self._stays and loaded.shares_elements(before)):
             self._fitted = None
         self._stages = Stages(loaded, volume, made_of, others)
+        self._stages.copied = copied or CopiedData()
 
     @property
     def stages(self) -> Stages:
@@ -362,7 +395,7 @@ class Renderer:
             frame = self._persistent(lambda most: self._draw(scene, references, most, rows))
             check_time()
         if not frame.status.any() and not self.ranks.rank:
-            boxes = surrounding([part.boxes for part in self.stages.loaded.parts])
+            boxes = surrounding_copies(self.stages.box, self.stages.copied.copies)
             raise AbsentError(
                 "; ".join([empty_picture_remark(scene.only_plane, boxes), *frame.stats.get("remarks", ())])
             )
@@ -402,6 +435,8 @@ class Renderer:
         """A frame that is drawn with at most ``most`` pixels at once."""
         view = self._view(scene)
         check_time()
+        # hits of all copies are at hand at once
+        most = max(FEWEST, most // max(1, len(self.stages.copied.copies)))
         check_memory(view, references, most)
         if isinstance(view, PlaneView) and scene.is_plain and view.count <= 4 * most:
             return self._plane_frame(scene, view, references, rows)
@@ -413,18 +448,21 @@ class Renderer:
         with suppress(Exception):
             self.device.close()
         self.device = Device(name)
-        self.show(stages.volume, stages.made_of, stages.others.on(self.device))
+        self.show(stages.volume, stages.made_of, stages.others.on(self.device), stages.copied)
         self._ghosts.show_again(self.stages)
 
     def _view(self, scene: Scene) -> View:
         """The view of a scene; the previous view if the objects and the camera are unchanged."""
         if self.bands is not None:
             return self.bands.view
-        part = scene.region, scene.zoom, scene.box, scene.axes, scene.companions
+        part = scene.region, scene.zoom, scene.box, scene.axes, scene.companions, scene.copies
         key = (scene.every_object, scene.clip, scene.camera, scene.size, part, is_draft())
         if self._fitted is None or self._fitted[0] != key:
             every = [self.stages, *self.stages.ghosts.values()]
             boxes = [part.boxes for own in every for part in own.loaded.parts]
+            # one box for each further copy
+            copies = [copy.isometry.box(self.stages.box).reshape(1, 6) for copy in self.stages.copied.copies[1:]]
+            boxes += [np.asarray(box, np.float32) for box in copies]
             asked = automatic(scene, boxes, partial(self.glance, rows=RankRows()))
             self._fitted, self._stays = (key, view_of(asked)), is_of_elements(scene)
         return self._fitted[1]

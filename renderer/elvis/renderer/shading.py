@@ -44,9 +44,12 @@ def record_of(drawn: Drawn, view: View, extent: float, *, whole: bool = True) ->
     What another one may have overlooked, or has so near that either may be the nearer one, makes pixels ambiguous.
     The undeformed geometry does not count.
     """
-    drawn = [(draw_call, hits) for draw_call, hits in drawn if draw_call.ghost is None]
+    drawn = [(call, call.in_world(hits)) for call, hits in drawn if call.ghost is None]
+    numbers = [0 if call.copy is None else call.copy.number for call, _ in drawn]
     if len(drawn) == 1:
-        return drawn[0][1]
+        only = drawn[0][1]
+        copies = np.where(only.owner == NOBODY, -1, numbers[0]) if drawn[0][0].copy else None
+        return only if copies is None else only.of_copies(copies)
     best, opacity = HitBuffer.empty(view.count), np.zeros(view.count)
     best.uncertainty = np.full(view.count, np.nan)
     failed, source = np.zeros(view.count, bool), np.full(view.count, -1)
@@ -69,6 +72,8 @@ def record_of(drawn: Drawn, view: View, extent: float, *, whole: bool = True) ->
         close = np.abs(hits.depth[pixel] - best.depth[pixel]) <= around
         best.status[pixel[close]] = Status.AMBIGUOUS
     best.status[failed] = Status.FAILED
+    if any(call.copy for call, _ in drawn):
+        best.copies = np.append(numbers, -1)[source]
     return best
 
 
@@ -145,7 +150,8 @@ class Painter:
             contours = draw_call.style.contours
             if contours and contours.count and self.of_contours(draw_call) != draw_call.quantity:
                 quantity = self.of_contours(draw_call)
-                self._note(quantity, cropped(self.stages.resampled(hits, "", quantity).field))
+                there = self.stages.resampled(hits, "", draw_call.on_device(quantity))
+                self._note(quantity, cropped(there.field))
 
     def noted(self, draw_calls: Sequence[DrawCall]) -> tuple[dict[str, tuple[float, float]], Bools]:
         """The recorded ranges of quantities, and (n,) which draw calls are visible."""
@@ -183,7 +189,7 @@ class Painter:
         if isinstance(asked, tuple):
             return asked
         if asked == "all":
-            return automatic_range(np.array(self.stages.bounds(quantity or self.scene.field)))
+            return automatic_range(np.array(self.stages.bounds_on_copies(quantity or self.scene.field)))
         return automatic_range(np.array(self._seen.get(quantity or "", ())))
 
     def paint(
@@ -198,11 +204,13 @@ class Painter:
         self.volume_status = np.zeros(view.count, np.uint8)
         if len(drawn) == 1 and not volumes:
             material = self._material(view, *drawn[0])
-            painted: Floats = self._shader.over(view, drawn[0][1], material, behind, whole=whole)
+            sight = drawn[0][0].view_of(view)
+            painted: Floats = self._shader.over(sight, drawn[0][1], material, behind, whole=whole)
             return painted
         fragments = FragmentLists(self.stages.loaded.device, view.count, len(drawn), behind, whole=whole)
         for number, (draw_call, hits) in enumerate(drawn):
-            self._shader.add(view, hits, self._material(view, draw_call, hits), fragments, number)
+            material = self._material(view, draw_call, hits)
+            self._shader.add(draw_call.view_of(view), hits, material, fragments, number)
         fragments.compose()
         if volumes:
             self._draw_volumes(view, volumes, fragments)
@@ -234,7 +242,9 @@ class Painter:
         """How a hit buffer of a draw_call is to material, with its lines."""
         style, scene = draw_call.style, self.scene
         colors = style.color if style.color is not None else self._palette(draw_call.quantity, style)
-        light = (tuple(scene.lights), scene.ambient) if draw_call.lit else ((), 1.0)
+        view = draw_call.view_of(view)
+        lights = scene.lights if draw_call.copy is None else draw_call.copy.lights(scene.lights)
+        light = (tuple(lights), scene.ambient) if draw_call.lit else ((), 1.0)
         mesh, contours, lic = style.mesh_lines, style.contours, style.lic
         streaks = None if lic is None else (self.stages.streaks(view, hits, lic, scene), lic.contrast)
         if scene.is_traced:
@@ -242,8 +252,8 @@ class Painter:
         edges = None if mesh is None else (self.lines_of(draw_call).mesh(view, hits, mesh.width), mesh.color)
         levels = None
         if contours is not None:
-            quantity = self.of_contours(draw_call)
-            of = self.stages.resampled(hits, draw_call.quantity, quantity)
+            quantity = draw_call.on_device(self.of_contours(draw_call))
+            of = self.stages.resampled(hits, draw_call.on_device(draw_call.quantity), quantity)
             marks = self.stages.lines.contours(view, of, self.values(draw_call), contours.width, quantity)
             levels = marks, contours.color
         return Material(colors, draw_call.opacity, *light, edges, levels, streaks)
@@ -257,7 +267,7 @@ class Painter:
         found = np.zeros(view.count, bool)
         for draw_call, hits in drawn:
             if draw_call.style.lic is not None:
-                found |= self.stages.still(view, hits, draw_call.style.lic, self.scene)
+                found |= self.stages.still(draw_call.view_of(view), hits, draw_call.style.lic, self.scene)
         return found
 
     def contour_status(self, drawn: Drawn, view: View) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
@@ -266,8 +276,9 @@ class Painter:
         for draw_call, hits in drawn:
             contours = draw_call.style.contours
             if contours is not None:
-                quantity, lines = self.of_contours(draw_call), self.stages.lines
-                proof = ContourProof(self.stages.loaded, lines, view, hits, self.values(draw_call), quantity)
+                quantity, lines = draw_call.on_device(self.of_contours(draw_call)), self.stages.lines
+                sight, values = draw_call.view_of(view), self.values(draw_call)
+                proof = ContourProof(self.stages.loaded, lines, sight, hits, values, quantity)
                 status = np.maximum(status, proof.status)
                 coverage = np.maximum(coverage, proof.coverage(contours.width))
         return status, coverage
@@ -338,8 +349,9 @@ class Painter:
     def remarks(self, draw_calls: Sequence[DrawCall]) -> list[str]:
         """Remarks for the user: invisible objects, contours at values outside the data."""
         found = list(self.stages.remarks(self.scene, self.volume_counts))
+        shown = {draw_call.name for draw_call in draw_calls if id(draw_call) in self._shown}
         for draw_call in draw_calls:
-            if id(draw_call) not in self._shown:
+            if draw_call.name not in shown:
                 found.append(f"{draw_call.name} is not visible")
             contours = draw_call.style.contours
             if contours is not None:
@@ -354,7 +366,7 @@ class Painter:
         """The end of a sentence on values outside the certified range of a quantity, if that is known."""
         name = quantity or self.scene.field
         try:
-            low, high = self.stages.bounds(name)
+            low, high = self.stages.bounds_on_copies(name)
         except ElvisError:
             return ""
         beyond = ", ".join(f"{value:g}" for value in values if not low <= value <= high)

@@ -21,6 +21,7 @@ from elvis.core.validity.validity import ValidityStatus, statuses
 from elvis.plugins.faces import faces_of
 from elvis.plugins.volume import Volume
 from elvis.renderer.compositing import FAINT
+from elvis.renderer.copied import CopiedData, is_in_view, level_names, surrounding_copies
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.draw_calls import DrawCall
 from elvis.renderer.flow_stage import FlowStage, Made
@@ -76,6 +77,7 @@ class Stages:
     dataset  the same; None if a runtime plugin has made it
     others   requests of quantities to data on other meshes
     ghosts   stages over geometries that are drawn next to this one, by name
+    copied   the copies of the data that pictures show
     """
 
     def __init__(self, loaded: DeviceVolume, volume: Volume, made_of: Made, others: OtherData | None = None) -> None:
@@ -85,6 +87,7 @@ class Stages:
         self.made_of = made_of
         self.dataset = made_of if isinstance(made_of, Dataset) else None
         self.ghosts: Mapping[str, Stages] = {}
+        self.copied = CopiedData()
         self.cutter, self.lines = Cutter(loaded), Lines(loaded)
 
     @property
@@ -207,11 +210,22 @@ class Stages:
         """Certified least and greatest value of a quantity over the whole volume; SceneError where none are known."""
         if name not in self._ranges:
             data = self.dataset
-            known = quantity_range(data, Expression.of(data, name)) if data else None
+            known = quantity_range(data, self._expression(data, name)) if data else None
             self._ranges[name] = (known.lower, known.upper) if known else self._of_parts(name)
         if not np.isfinite(self._ranges[name]).all():
             raise SceneError(f"no bounds of {name!r} over all data are known: use two values for the range, or visible")
         return self._ranges[name]
+
+    def _expression(self, data: Dataset, name: str) -> Expression:
+        """A quantity of the data, or one that only copies show."""
+        own = {each.text: each for each in self.copied.expressions}
+        return own[name] if name in own else Expression.of(data, name)
+
+    def bounds_on_copies(self, name: str) -> tuple[float, float]:
+        """Certified least and greatest value of a quantity of the scene over all copies; raises as `bounds`."""
+        names = {copy.on_device(name) or name for copy in self.copied.copies} or {name}
+        ends = np.array([self.bounds(own) for own in names])
+        return float(ends[:, 0].min()), float(ends[:, 1].max())
 
     def _of_parts(self, name: str) -> tuple[float, float]:
         """The range that the parts' own bounds give; not finite where one has none."""
@@ -220,13 +234,18 @@ class Stages:
         every = every[~np.isnan(every).any(axis=1)]
         return float(every[:, 0].min(initial=np.inf)), float(every[:, 1].max(initial=-np.inf))
 
+    @cached_property
+    def box(self) -> Floats:
+        """(2, 3) corners of the box around the boxes of all elements."""
+        return surrounding([part.boxes for part in self.loaded.parts])
+
     def domain(self) -> Floats:
-        """(2, 3) corners of the box around the domain: certified bounds of the coordinates, where these are known."""
-        box = surrounding([part.boxes for part in self.loaded.parts])
+        """(2, 3) corners of the box around the domain and its copies: certified bounds, where these are known."""
+        box = self.box.copy()
         for axis, name in enumerate("xyz"[: self.loaded.dimension]):
             with suppress(ElvisError):
                 box[:, axis] = self.bounds(name)
-        return box
+        return surrounding_copies(box, self.copied.copies)
 
     def parts_quantity(self, name: str | None, scene: Scene) -> str | None:
         """The parts' quantity that a name in a scene means; None is the parts' own field, the scene's."""
@@ -235,25 +254,48 @@ class Stages:
     def draw_calls(self, scene: Scene) -> list[DrawCall]:
         """All surfaces of a scene, in its order; SceneError for unsupported uses of data on other meshes."""
         self.others.check(scene)
+        draw = partial(self._draw_calls, first=-1 if scene.plane else 0)
+        return self.copied.draw_calls(scene, draw) if self.copied.copies else draw(scene)
+
+    def _draw_calls(self, scene: Scene, leaves_absent: bool = False, *, first: int) -> list[DrawCall]:
+        """All surfaces of the data.
+
+        leaves_absent  whether isosurfaces at values that the data don't have are left out
+        first          number of the first object, -1 for the shortcut ``plane``
+        """
         found: list[DrawCall] = []
-        for number, item in enumerate(scene.every_object, start=-1 if scene.plane else 0):
+        for number, item in enumerate(scene.every_object, start=first):
             if isinstance(item, VolumeRendering):
                 continue
             name = "plane" if number < 0 else f"objects[{number}]"
-            style, own = item.style, self.parts_quantity(item.style.quantity, scene)
-            if isinstance(item, CutSurface):
-                once = isinstance(item.surface, Plane)
-                draw = partial(self.cut, item.surface, own)
-                found.append(DrawCall(name, style, own, draw, bool(style.lit), once, item.surface))
-            elif isinstance(item, Faces):
-                found.append(self._faces(name, item, own))
-            elif isinstance(item, Streamlines):
-                found += self.flow.lines(name, item, own)
-            elif isinstance(item, Glyphs):
-                found.append(self.flow.glyphs(name, item, own))
-            else:
-                found += [self._level(name, item, value, scene) for value in item.values]
+            own = self.parts_quantity(item.style.quantity, scene)
+            match item:
+                case CutSurface():
+                    found.append(self._cut_call(name, item, own))
+                case Faces():
+                    found.append(self._faces(name, item, own))
+                case Isosurface():
+                    found += self._levels(level_names(number, item), item, scene, leaves_absent)
+                case Streamlines():
+                    found += [replace(call, is_inside=False) for call in self.flow.lines(name, item, own)]
+                case Glyphs():
+                    found.append(replace(self.flow.glyphs(name, item, own), is_inside=False))
         return with_ghosts(found, self.ghosts, scene)
+
+    def _cut_call(self, name: str, item: CutSurface, own: str | None) -> DrawCall:
+        """A cut by a surface."""
+        once = isinstance(item.surface, Plane)
+        draw = partial(self.cut, item.surface, own)
+        return DrawCall(name, item.style, own, draw, bool(item.style.lit), once, item.surface)
+
+    def _levels(self, names: Sequence[str], item: Isosurface, scene: Scene, leaves_absent: bool) -> Iterator[DrawCall]:
+        """The values of an isosurface."""
+        for name, value in zip(names, item.values, strict=True):
+            try:
+                yield self._level(name, item, value, scene)
+            except AbsentError:
+                if not leaves_absent:
+                    raise
 
     def _faces(self, name: str, item: Faces, own: str | None) -> DrawCall:
         """Element faces."""
@@ -282,7 +324,7 @@ class Stages:
             return self.resampled(hits, of, own, view)
 
         level = value if own == of else None
-        return DrawCall(f"{name} at {value:g}", item.style, own, draw, item.style.lit is not False, level=level)
+        return DrawCall(name, item.style, own, draw, item.style.lit is not False, level=level)
 
     def _at_level(self, view: View, quantity: str | None, value: float, beyond: Floats | None) -> HitBuffer:
         """The isosurface of a quantity."""
@@ -362,6 +404,10 @@ class Stages:
         if draw_call.ghost is not None and draw_call.ghost is not self:
             yield from draw_call.ghost.hit_buffers(draw_call, view, clips)
             return
+        if draw_call.copy is not None:
+            view, clips = draw_call.copy.view(view), draw_call.copy.clips(clips)
+            if draw_call.is_inside and not is_in_view(view, self.box):
+                return
         others = [clip for clip in clips if clip.surface != draw_call.surface]
         opacity = draw_call.opacity
         beyond, through = None, 1.0

@@ -85,7 +85,7 @@ class Tracer:
             call = self.draw_calls.index(draw_call)
             if draw_call.style.mesh_lines is not None:
                 side = hits.owner if hits.side is None else hits.side
-                lines = self._borders(view, hits, side, self.painter.lines_of(draw_call))
+                lines = self._borders(draw_call.view_of(view), hits, side, self.painter.lines_of(draw_call))
                 width, color = draw_call.style.mesh_lines.width, draw_call.style.mesh_lines.color
                 self._keep(StrokeStyle(width, color, 1.0, None), (call, 0), lines, before, hits, own)
             if draw_call.style.contours is not None:
@@ -112,7 +112,8 @@ class Tracer:
         for draw_call, hits in drawn:
             nearer = np.flatnonzero(hits.depth < depth)
             depth[nearer] = hits.depth[nearer]
-            distance[nearer] = self.painter.lines_of(draw_call).mesh(view, hits, WIDE).distance[nearer]
+            marks = self.painter.lines_of(draw_call).mesh(draw_call.view_of(view), hits, WIDE)
+            distance[nearer] = marks.distance[nearer]
         shape = view.height, view.width
         seen = np.where(np.isfinite(depth), 0, -1).reshape(shape)
         lines = borders(seen, distance.reshape(shape), depth.reshape(shape), view.first)
@@ -124,9 +125,9 @@ class Tracer:
         draw_call, painter = self.draw_calls[call], self.painter
         contours = draw_call.style.contours
         assert contours is not None
-        quantity, values = painter.of_contours(draw_call), painter.values(draw_call)
-        of = painter.stages.resampled(hits, draw_call.quantity, quantity)
-        found = painter.stages.lines.strokes(view, of, values, quantity)
+        quantity, values = draw_call.on_device(painter.of_contours(draw_call)), painter.values(draw_call)
+        of = painter.stages.resampled(hits, draw_call.on_device(draw_call.quantity), quantity)
+        found = painter.stages.lines.strokes(draw_call.view_of(view), of, values, quantity)
         if hits.flat is None:
             there = hits.depth[found["pixel"]]
             found = found[~(np.abs(there - found["depth"]) > found["slack"]) | ~np.isfinite(there)]

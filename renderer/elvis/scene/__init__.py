@@ -8,6 +8,7 @@ from elvis.core.lazy import lazy_names
 
 if TYPE_CHECKING:
     from elvis.scene.convolution import Lic
+    from elvis.scene.copies import Copies, Repeat, Turn
     from elvis.scene.errors import SceneError
     from elvis.scene.frame import Frame, Status
     from elvis.scene.objects import (
@@ -32,6 +33,7 @@ __all__ = [
     "ColorBar",
     "Cone",
     "Contours",
+    "Copies",
     "CutSurface",
     "Cylinder",
     "Deform",
@@ -45,6 +47,7 @@ __all__ = [
     "MeshLines",
     "Plane",
     "Reference",
+    "Repeat",
     "Scene",
     "SceneError",
     "SceneObject",
@@ -55,6 +58,7 @@ __all__ = [
     "Surface",
     "Transfer",
     "TriangleMesh",
+    "Turn",
     "Vector",
     "VolumeRendering",
     "scene_schema",
@@ -67,6 +71,7 @@ __getattr__ = lazy_names(
         "elvis.scene.errors": ("SceneError",),
         "elvis.scene.frame": ("Frame", "Status"),
         "elvis.scene.convolution": ("Lic",),
+        "elvis.scene.copies": ("Copies", "Repeat", "Turn"),
         "elvis.scene.objects": (
             "CutSurface",
             "Faces",

@@ -88,6 +88,7 @@ class Drawing:
     line_status  (h, w) Status of the pixels' contours, MISS for pixels without; None if none is known
     strokes      lines over the pixels, which then contain no lines
     through      (h, w) visible share of the background; None: visible where nothing else is
+    copies       (h, w) numbers of the copies that are visible, -1 where nothing is; None if there are no copies
     """
 
     depth: Floats
@@ -98,6 +99,7 @@ class Drawing:
     line_status: NDArray[np.uint8] | None = None
     strokes: tuple[Stroke, ...] = ()
     through: Floats | None = None
+    copies: Ints | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,6 +145,11 @@ class Frame:
     def seen(self) -> NDArray[np.bool_]:
         """Mask (h, w) of the pixels that show an element."""
         return self.element >= 0
+
+    @property
+    def copy(self) -> Ints | None:
+        """Numbers (h, w) of the copies that are visible, 0 for the data, -1 where nothing is; None without copies."""
+        return None if self.drawing is None else self.drawing.copies
 
     @cached_property
     def position(self) -> Floats:

@@ -22,6 +22,7 @@ from elvis.scene import (
     Clip,
     ColorBar,
     Contours,
+    Copies,
     CutSurface,
     Deform,
     Faces,
@@ -31,14 +32,16 @@ from elvis.scene import (
     Light,
     MeshLines,
     Plane,
+    Repeat,
     Scene,
     SceneObject,
     Streamlines,
     Surface,
+    Turn,
 )
 from elvis.scene.commandline import parameters
 from elvis.scene.commandline.composing import composed
-from elvis.scene.commandline.options import DEFORM, STYLES
+from elvis.scene.commandline.options import PARTS, STYLES
 from elvis.scene.commandline.other_programs import SAME, advice
 from elvis.scene.errors import KeywordError, SceneError
 from elvis.scene.settings import Setting, settings
@@ -70,7 +73,7 @@ def keywords() -> dict[str, Keyword]:
     found: dict[str, Keyword] = {}
     entries = [(key, setting) for key, setting in settings(Scene).items() if key not in ELSEWHERE]
     entries += [(key, settings(Style)[key]) for key in STYLES]
-    entries += [(f"deform_{name}", settings(Deform)[name]) for name in DEFORM]
+    entries += [(f"{key}_{name}", settings(model)[name]) for key, (model, names) in PARTS.items() for name in names]
     entries += [(cls.kind, cls.option) for cls in get_args(SceneObject)]
     for key, setting in entries:
         options = (option.partition("/")[0] for option in setting.option.split())
@@ -144,7 +147,9 @@ def _is_several(key: str, value: Any) -> bool:
     """Whether a value holds several of what may be repeated, rather than the parts of one."""
     if isinstance(value, str) or not isinstance(value, Sequence) or not len(value):
         return False
-    if key == "plane":
+    if key in ("copies_repeat", "copies_turn"):
+        return _depth(value) > 2 or all(isinstance(each, (str, Mapping)) or is_dataclass(each) for each in value)
+    if key in ("plane", "copies_mirror"):
         return _depth(value) > 2 or all(isinstance(each, (str, Plane)) for each in value)
     if key == "faces":
         return all(isinstance(each, Faces) for each in value)
@@ -262,6 +267,16 @@ def _light(value: Any) -> Light:
     return value if isinstance(value, Light) else Light(tuple(_floats(value)))  # type: ignore[arg-type]
 
 
+def _row(kind: Any, value: Any) -> Any:
+    """A repetition or a turn: itself, its settings by name, or a direction and a number."""
+    if isinstance(value, Mapping):
+        return kind(**value)
+    if isinstance(value, kind):
+        return value
+    along, count = value
+    return kind(along if isinstance(along, str) else _floats(along), count)
+
+
 def _of(kind: type, value: Any) -> Any:
     if not isinstance(value, kind):
         raise TypeError
@@ -298,6 +313,10 @@ FORMS: dict[str, Callable[[Any], Any]] = {
     "lights": _light,
     "bar": lambda value: ColorBar(**value) if isinstance(value, Mapping) else _of(ColorBar, value),
     "deform": lambda value: Deform(**value) if isinstance(value, Mapping) else _of(Deform, value),
+    "copies": lambda value: Copies(**value) if isinstance(value, Mapping) else _of(Copies, value),
+    "copies_mirror": _plane,
+    "copies_repeat": lambda value: _row(Repeat, value),
+    "copies_turn": lambda value: _row(Turn, value),
     "region": _floats,
     "reader": _reader,
     "others": _others,

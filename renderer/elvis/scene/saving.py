@@ -130,6 +130,7 @@ def arrays(frame: Frame) -> dict[str, Any]:
         "normal": frame.normal,
         "status": frame.status.astype(np.int64),
         "uncertainty": frame.uncertainty,
+        **({} if frame.copy is None else {"copy": frame.copy.astype(np.int64)}),
         **({} if frame.instant is None else _of_series(frame.instant)),
     }
 

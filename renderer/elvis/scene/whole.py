@@ -16,6 +16,7 @@ from elvis.core.deformation import (
 )
 from elvis.core.hints import nearest, perhaps
 from elvis.core.moments import BETWEEN, Moment
+from elvis.scene.copies import Copies
 from elvis.scene.errors import SceneError
 from elvis.scene.objects import CutSurface, SceneObject, VolumeRendering
 from elvis.scene.settings import FilePath, Memory, Model, OtherFiles, PaletteName, Quantity, Setting, check, settings
@@ -458,6 +459,7 @@ class Scene(Model):
         Deform | None,
         Setting(DISPLACEMENT_HELP, option="--deform", metavar="U,V,W|VECTOR", parse="deform", default="undeformed"),
     ] = None
+    copies: Annotated[Copies | None, Setting("Copies of the data that are also drawn.", default="none")] = None
     complex: Annotated[
         tuple[str, ...],
         Setting(COMPLEX_HELP, option="--complex", metavar="E=RE,IM", repeatable=True),
@@ -580,5 +582,5 @@ class Scene(Model):
     def is_plain(self) -> bool:
         """Whether the picture shows only the colours of one unlit plane, with one sample per pixel."""
         usual = None if self.only_plane is None else (CutSurface(self.only_plane),)
-        is_bare = not (self.clip or self.outline or self.undeformed)
+        is_bare = not (self.clip or self.outline or self.undeformed or self.copies)
         return self.every_object == usual and is_bare and self.samples == 1

@@ -33,6 +33,8 @@ _MOMENTA = (
     ("momentum_x", "momentum_y", "momentum_z"),
     ("MomentumX", "MomentumY", "MomentumZ"),
 )
+#: customary names of the components of vectors
+VECTORS = (*_VELOCITIES, *_MOMENTA)
 _SINGLE = {
     "rho": ("rho", "density", "Density"),
     "p": ("p", "pressure", "Pressure"),

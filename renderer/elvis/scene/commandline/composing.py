@@ -43,7 +43,7 @@ def composed(
     given = {key: value for key, value in options.items() if value is not None and value != ()}
     scene = read_scene(scene_files[0], (*(OVERRIDDEN & given.keys()), *unused)) if scene_files else base or Scene()
     style = {key: given.pop(key) for key in STYLES if key in given}
-    scene = _with_deform(scene, given)
+    scene = _with_copies(_with_deform(scene, given), given)
 
     # one plane without a style of its own is the shortcut
     cuts = [CutSurface(plane) for plane in given.pop("plane", ())]
@@ -108,6 +108,18 @@ def _with_deform(scene: Scene, given: dict[str, Any]) -> Scene:
     if parts:
         own = Deform(**parts) if own is None else replace(own, **parts)
     return replace(scene, deform=own)
+
+
+def _with_copies(scene: Scene, given: dict[str, Any]) -> Scene:
+    """The scene with the copies of the options, which are removed from ``given``."""
+    from elvis.scene.commandline.options import COPIES
+    from elvis.scene.copies import Copies
+
+    own = given.pop("copies", scene.copies)
+    parts = {name: given.pop(f"copies_{name}") for name in COPIES if f"copies_{name}" in given}
+    if parts:
+        own = Copies(**parts) if own is None else replace(own, **parts)
+    return replace(scene, copies=own)
 
 
 def _apply_style(scene: Scene, style: dict[str, Any]) -> Scene:

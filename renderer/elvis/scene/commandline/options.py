@@ -11,6 +11,7 @@ import click
 
 from elvis.core.arguments import with_fields
 from elvis.scene.commandline.command import FIGURE, text_type
+from elvis.scene.copies import Copies
 from elvis.scene.objects import SceneObject, Streamlines
 from elvis.scene.settings import Setting, choices, settings, text_of, types
 from elvis.scene.style import Style
@@ -25,6 +26,10 @@ OBJECTS = tuple(cls.kind for cls in get_args(SceneObject))
 
 #: options of a deformed geometry, in addition to its displacement, by the key of Deform
 DEFORM = tuple(name for name, setting in settings(Deform).items() if setting.option)
+#: options of copies, by the key of Copies
+COPIES = tuple(settings(Copies))
+#: options of tables in a scene that have several, by the key of the scene
+PARTS = {"deform": (Deform, DEFORM), "copies": (Copies, COPIES)}
 
 #: what streamlines follow, as pictures and `elvis trace` have it
 COURSE = ("seeds", "random", "velocity", "direction", "length", "duration", "speed", "steps", "tolerance", "wall")
@@ -50,7 +55,7 @@ CHAPTERS = {
         "time",
         "between",
         "deform",
-        *(f"deform_{name}" for name in DEFORM),
+        *(f"{key}_{name}" for key, (_, names) in PARTS.items() for name in names),
         "complex",
         "phase",
         "device",
@@ -79,9 +84,10 @@ def scene_options(leaving: Sequence[str]) -> list[click.Option]:
             found += [_option(name, settings(Style)[name], types(Style)[name]) for name in STYLES]
         elif settings(Scene)[key].option and key not in leaving:
             found.append(_option(key, settings(Scene)[key], types(Scene)[key]))
-        if key == "deform" and key not in leaving:
-            parts = [name for name in DEFORM if f"deform_{name}" not in leaving]
-            found += [_option(f"deform_{name}", settings(Deform)[name], types(Deform)[name]) for name in parts]
+        if key in PARTS and key not in leaving:
+            model, names = PARTS[key]
+            parts = [name for name in names if f"{key}_{name}" not in leaving]
+            found += [_option(f"{key}_{name}", settings(model)[name], types(model)[name]) for name in parts]
     return found
 
 

@@ -19,6 +19,9 @@ from elvis.scene.style import check_range
 
 SURFACES: dict[str, Any] = {each.kind: each for each in get_args(scene.Surface)}
 
+#: directions of the coordinates by their names
+AXES: dict[str, scene.Vector] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+
 
 def plane(text: str) -> scene.Plane:
     """``x,y,z:nx,ny,nz``: a point and a normal; or ``z=0.2``."""
@@ -236,6 +239,23 @@ def light(text: str) -> scene.Light:
 def deform(text: str) -> scene.Deform:
     """The components of a displacement with commas between them."""
     return scene.Deform(text)
+
+
+def repeat(text: str) -> scene.Repeat:
+    """``x,y,z:count``, or ``x:count`` for the period of the data along x."""
+    step, _, count = text.rpartition(":")
+    expected = "VECTOR:COUNT such as 1,0,0:4, or x:4 for the period of the data"
+    check(step and count.isdecimal(), "repeat", expected, repr(text))
+    return scene.Repeat(step if step in AXES else _point(step), int(count))  # type: ignore[arg-type]
+
+
+def turn(text: str) -> scene.Turn:
+    """``z:count``, ``x,y,z:count`` or ``point:axis:count``."""
+    *point, axis, count = ("", *text.split(":")) if ":" in text else ("", "", "")
+    expected = "AXIS:COUNT such as z:6 or 0,0,1:6, or POINT:AXIS:COUNT"
+    check(axis and count.isdecimal() and len(point) <= 2, "turn", expected, repr(text))
+    middle = _point(point[1]) if len(point) == 2 else (0.0, 0.0, 0.0)
+    return scene.Turn(AXES[axis] if axis in AXES else _point(axis), int(count), middle)
 
 
 def setting(text: str) -> tuple[str, str]:

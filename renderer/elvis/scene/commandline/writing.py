@@ -18,6 +18,7 @@ from elvis.core.errors import ElvisError
 from elvis.scene.commandline.command import SceneCommand, text_type
 from elvis.scene.commandline.composing import composed
 from elvis.scene.commandline.options import OBJECTS, STYLES
+from elvis.scene.copies import Copies
 from elvis.scene.errors import SceneError
 from elvis.scene.files import toml_text
 from elvis.scene.objects import VolumeRendering
@@ -129,9 +130,9 @@ def _plain_options(scene: Scene) -> Iterator[list[str]]:
     bare = Scene(**{key: usual[key] for key in APART if key != "data"})
     for key, value in given_values(scene).items():
         setting = settings(Scene)[key]
-        if key in APART or not setting.option:
+        if key in APART or not (setting.option or key == "copies"):
             continue
-        words = _words(setting, value)
+        words = _copies(value) if key == "copies" else _words(setting, value)
         if _completed(words, replace(bare, **{key: value})) is not None:
             yield words
 
@@ -175,6 +176,11 @@ def _words(setting: Setting, value: Any) -> list[str]:
         return [word for each in value for word in (name, write(each))]
     # a table with nothing in it but defaults is a flag
     return [name] if is_dataclass(value) and not setting.parse else [name, write(value)]
+
+
+def _copies(copies: Copies) -> list[str]:
+    """The words of the options of copies."""
+    return [word for key, value in given_values(copies).items() for word in _words(settings(Copies)[key], value)]
 
 
 def _number(value: float) -> str:
@@ -261,6 +267,9 @@ _WRITERS: dict[str, Callable[[Any], str]] = {
     "background": _list,
     "color": _list,
     "deform": lambda deform: deform.displacement,
+    "plane": _plane,
+    "repeat": lambda repeat: f"{_value(repeat.step)}:{repeat.count}",
+    "turn": lambda turn: f"{_list(turn.point)}:{_list(turn.axis)}:{turn.count}",
     "color_range": lambda ends: ends if isinstance(ends, str) else ":".join(map(_number, ends)),
     "region": lambda ends: "{}:{},{}:{}".format(*map(_number, ends)),
     "size": lambda sides: "{}x{}".format(*sides),

@@ -1,0 +1,46 @@
+"""What copies of data need, examined before they are drawn."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from elvis.core.copied_domains import check_copies as check_domains
+from elvis.core.copied_domains import periods
+from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
+from elvis.core.picturing import Kind
+from elvis.plugins.opening import PluginData
+from elvis.scene import Copies, Scene, VolumeRendering
+from elvis.scene.errors import SceneError
+
+
+def periods_of(data: Dataset | PluginData) -> dict[str, float]:
+    """The periods that data declare, by the names of the axes; those of a plugin declare none."""
+    return periods(data) if isinstance(data, Dataset) else {}
+
+
+def check_drawable(scene: Scene, kind: Kind | None, *, is_whole: bool) -> None:
+    """SceneError for pictures that copies have no part in.
+
+    is_whole  whether all of the data are at hand
+    """
+    if kind is Kind.LINE:
+        raise SceneError("copies: 1D data are drawn without copies: remove mirror, turn and repeat")
+    if any(isinstance(item, VolumeRendering) for item in scene.every_object):
+        raise SceneError("copies: volumes are not drawn in copies: remove the volume or the copies")
+    if not is_whole or scene.memory is not None:
+        raise SceneError("copies: not available for data in parts or with a limit of memory: remove this setting")
+
+
+def check_copies(copies: Copies, data: Dataset | PluginData) -> None:
+    """SceneError for mirrors that cut the domain, and copies that overlap; nothing is known of a plugin's data."""
+    if not isinstance(data, Dataset):
+        return
+    isometries = copies.isometries()
+    if data.mesh.space < 3 and any(own.rotation[2] != (0.0, 0.0, 1.0) or own.shift[2] for own in isometries):
+        raise SceneError("copies: 2D data are copied in their own plane: expected mirrors, turns and repetitions in it")
+    mirrors = [(np.array(plane.point, np.float64), np.array(plane.normal, np.float64)) for plane in copies.mirror]
+    try:
+        check_domains(data, mirrors, isometries)
+    except ElvisError as error:
+        raise SceneError(str(error)) from error
