@@ -1,0 +1,85 @@
+"""Copies of data in pictures equal files that hold the copied elements."""
+
+import numpy as np
+import pytest
+
+from elvis import Camera, Copies, Plane, Scene, from_arrays, render
+from elvis.core.polynomials.quadrature import lobatto
+
+ORDER = 3
+LINE = lobatto(ORDER + 1)[0]
+#: reference positions of the nodes of a hexahedron, first coordinate fastest
+NODES = np.stack(np.meshgrid(LINE, LINE, LINE, indexing="ij"), axis=-1)[..., ::-1].reshape(-1, 3)
+#: signs of fields beyond a mirror at x = c, and across its normal
+SIGNS = {"u": -1, "v": 1, "w": 1, "p": 1}
+
+
+def nodes():
+    """(4, m, 3) nodes of four curved hexahedra between x = 0 and x = 1."""
+    corners = [(0.5 * i, 0.5 * j, 0.0) for j in (0, 1) for i in (0, 1)]
+    x = np.stack([np.array(corner) + 0.25 * (NODES + 1.0) * [1, 1, 2] for corner in corners])
+    bump = x[..., 0] * (1.0 - x[..., 0])
+    return x + bump[..., None] * np.array([0.0, 0.2, 0.3]) * (x[..., 1:2] - 0.3)
+
+
+def values(x):
+    u, v = 1.0 + x[..., 0] * x[..., 1] + 0.5 * x[..., 2] ** 2, x[..., 0] ** 2 - x[..., 2]
+    return {"u": u, "v": v, "w": x[..., 1] * x[..., 0] + 0.3 * x[..., 2], "p": 1.0 + x[..., 0] - x[..., 1] ** 2}
+
+
+def reversed_nodes(own):
+    """Nodes or values of hexahedra with the first reference coordinate reversed."""
+    shape = (len(own), ORDER + 1, ORDER + 1, ORDER + 1)
+    return own.reshape(*shape, *own.shape[2:])[:, :, :, ::-1].reshape(own.shape)
+
+
+def dataset(parts):
+    """A dataset of several parts: nodes, and values by field."""
+    x = np.concatenate([own for own, _ in parts])
+    return from_arrays({"hexahedron": x}, {name: np.concatenate([f[name] for _, f in parts]) for name in SIGNS})
+
+
+@pytest.fixture(scope="module")
+def data():
+    return dataset([(nodes(), values(nodes()))])
+
+
+@pytest.fixture(scope="module")
+def mirrored():
+    """The elements and their mirror image at x = 0, turned so that their maps keep the orientation."""
+    x, own = nodes(), values(nodes())
+    image = {name: reversed_nodes(SIGNS[name] * field) for name, field in own.items()}
+    return dataset([(x, own), (reversed_nodes(x * [-1.0, 1.0, 1.0]), image)])
+
+
+CAMERA = Camera((2.1, -3.3, 2.2), (0.0, 0.5, 0.4), fov=38.0)
+
+
+def compare(ours, theirs, count):
+    """A picture of copies, and one of a file that holds them as further elements, ``count`` for each copy."""
+    differs = (ours.copy != np.where(theirs.element < 0, -1, theirs.element // count)) & (ours.status == 1)
+    assert not (differs & (theirs.status == 1)).any()
+    certain = (ours.status == 1) & (theirs.status == 1)
+    assert certain.sum() > 0.95 * theirs.seen.sum() > 500
+    assert np.array_equal(ours.element[certain], theirs.element[certain] % count)
+    low, high = theirs.range
+    assert np.abs(ours.field - theirs.field)[certain].max() < 1e-11 * (high - low)
+    assert np.abs(ours.position - theirs.position)[certain].max() < 1e-10
+    assert np.abs(ours.normal - theirs.normal)[certain].max() < 1e-9
+    assert ours.range == pytest.approx(theirs.range, abs=1e-9)
+    assert (np.abs(ours.rgb.astype(int) - theirs.rgb).max(axis=2) > 2).mean() < 0.003
+
+
+DRAWN = {
+    "faces": {"faces": "all", "mesh_lines": True, "lights": (1.0, -2.0, 3.0)},
+    "cut and contours": {"plane": "0,0.4,0.3:0.3,0.2,1", "contours": 6},
+    "clip": {"isosurface": "p=0.7,1.2", "plane": "y=0.3", "clip": "sphere:0.2,0,0.5:0.45"},
+    "translucent": {"isosurface": "u=-1.3,1.3", "plane": "z=0.3", "opacity": 0.6},
+}
+
+
+@pytest.mark.parametrize("field", ["u", "vorticity_z"])
+@pytest.mark.parametrize("drawn", DRAWN.values(), ids=DRAWN)
+def test_the_mirror_image_is_that_of_a_mirrored_file(data, mirrored, drawn, field):
+    options = {"camera": CAMERA, "size": 90, **drawn}
+    compare(render(data, field, mirror="x=0", **options), render(mirrored, field, **options), 4)
