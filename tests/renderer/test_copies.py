@@ -83,3 +83,26 @@ DRAWN = {
 def test_the_mirror_image_is_that_of_a_mirrored_file(data, mirrored, drawn, field):
     options = {"camera": CAMERA, "size": 90, **drawn}
     compare(render(data, field, mirror="x=0", **options), render(mirrored, field, **options), 4)
+
+
+def check_reference(data, field, **options):
+    """The device and the reference agree on a picture with copies."""
+    ours, theirs = render(data, field, **options), render(data, field, device="reference", **options)
+    certain = (ours.status == 1) & (theirs.status == 1)
+    assert certain.sum() > 0.9 * theirs.seen.sum() > 100
+    for name in ("element", "copy"):
+        assert np.array_equal(getattr(ours, name)[certain], getattr(theirs, name)[certain])
+    low, high = theirs.range
+    assert np.abs(ours.field - theirs.field)[certain].max() < 1e-11 * (high - low)
+    assert np.abs(ours.position - theirs.position)[certain].max() < 1e-10
+    assert np.abs(ours.normal - theirs.normal)[certain].max() < 1e-9
+
+
+#: expressions of every kind: components, curls, symmetric parts, invariants, coordinates
+FIELDS = ["u", "vorticity_y", "d(u,y)+d(v,x)", "q_criterion", "p", "x+2*y", "nx"]
+
+
+@pytest.mark.parametrize("field", FIELDS)
+def test_turned_and_mirrored_copies_are_those_of_the_reference(data, field):
+    options = {"mirror": "-0.3,0,0:1,-0.2,0.1", "turn": "-0.3,-1.3,0:0.1,0,1:3", "faces": "all", "size": 40}
+    check_reference(data, field, camera="iso", **options)

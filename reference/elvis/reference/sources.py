@@ -10,11 +10,13 @@ import numpy as np
 
 from elvis.core.arrays import Floats
 from elvis.core.dataset import Dataset
+from elvis.core.isometries import Isometry
 from elvis.core.mapping.boxes import element_boxes
 from elvis.core.patch import patches
 from elvis.core.quantities import Expression
 from elvis.core.quantities.bounding import quantity_range
 from elvis.plugins.opening import PluginData
+from elvis.reference.copied import CopiedQuantities
 from elvis.reference.quantities import Quantities
 from elvis.reference.scenes.host_quantities import HostQuantities
 from elvis.scene.errors import SceneError
@@ -34,6 +36,10 @@ class Source(ABC):
         """The fields and expressions of these names; raises ElvisError for a name that means nothing of these data."""
 
     @abstractmethod
+    def copied(self, names: Sequence[str], isometries: Sequence[Isometry]) -> Quantities:
+        """The same on copies of the data by isometries, the identity first."""
+
+    @abstractmethod
     def bounds(self, name: str) -> tuple[float, float] | None:
         """Certified bounds of a quantity over all data; None if none are known."""
 
@@ -51,6 +57,10 @@ class DatasetSource(Source):
     def quantities(self, names: Sequence[str]) -> Quantities:
         """See `Source`."""
         return Quantities(self.dataset, names)
+
+    def copied(self, names: Sequence[str], isometries: Sequence[Isometry]) -> Quantities:
+        """See `Source`."""
+        return CopiedQuantities(self.dataset, names, isometries)
 
     def bounds(self, name: str) -> tuple[float, float] | None:
         """See `Source`."""
@@ -78,6 +88,10 @@ class PluginSource(Source):
     def quantities(self, names: Sequence[str]) -> Quantities:
         """See `Source`; also raises ElvisError if the plugin doesn't describe its elements in NumPy."""
         return HostQuantities(self.opened, names)
+
+    def copied(self, names: Sequence[str], isometries: Sequence[Isometry]) -> Quantities:
+        """Raise an error: a plugin's maps are no coefficients that could be moved (see `Source`)."""
+        raise SceneError("copies: the device reference draws no copies of what a plugin opens")
 
     def bounds(self, name: str) -> tuple[float, float] | None:
         """None: no bounds are known (see `Source`)."""

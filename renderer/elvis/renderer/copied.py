@@ -8,7 +8,7 @@ copy has no elements, fields or buffers of its own.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from dataclasses import field as default
 from functools import cached_property
 from typing import Any, TypeVar
@@ -68,7 +68,7 @@ class Copy:
         if self.isometry.is_identity:
             return view
         if view not in self._views:
-            self._views[view] = _moved_view(view, self.isometry)
+            self._views[view] = view.before(self.isometry)
         return self._views[view]
 
     def lights(self, lights: Sequence[Light]) -> tuple[Light, ...]:
@@ -184,21 +184,6 @@ def _copied(scene: Scene, asked: Sequence[Expression], names: Names) -> CopiedDa
                 own[each.text] = labels[key]
         copies.append(Copy(number, isometry, scene.field, own))
     return CopiedData(tuple(copies), tuple(added))
-
-
-def _moved_view(view: View, isometry: Isometry) -> View:
-    """A view that sees x as the given one sees R x + s."""
-    camera = view.camera
-    eye, at = (_vector(isometry.points_before(np.asarray(point, np.float64))) for point in (camera.eye, camera.at))
-    up = _vector(isometry.directions_before(np.asarray(camera.up, np.float64)))
-    own = {known.name: getattr(view, known.name) for known in fields(View)}
-    own["camera"] = replace(camera, eye=eye, at=at, up=up)
-    for name in ("corner", "column", "row"):
-        own[name] = isometry.directions_before(own[name])
-    homogeneous = np.vstack([np.column_stack([isometry.matrix, isometry.vector]), [0.0, 0.0, 0.0, 1.0]])
-    own["to_pixel"] = view.to_pixel @ homogeneous
-    own["part_of"] = None if view.part_of is None else _moved_view(view.part_of, isometry)
-    return View(**own)
 
 
 def _moved_light(light: Light, isometry: Isometry) -> Light:

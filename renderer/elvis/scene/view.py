@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.isometries import Isometry
 from elvis.scene import NAMED_VIEWS, Camera, Plane, Scene, Vector, unit
 from elvis.scene.errors import SceneError
 
@@ -85,6 +86,21 @@ class View:
         part_of = None if self.part_of is None else self.part_of.shifted(x, y)
         rays = corner, self.column, self.row, self.to_pixel - shift
         return View(self.camera, self.width, self.height, *rays, left=self.left, top=self.top, part_of=part_of)
+
+    def before(self, isometry: Isometry) -> View:
+        """The view that sees x as this one sees R x + s."""
+        camera = self.camera
+        points = np.array([camera.eye, camera.at], np.float64)
+        eye, at = (_vector(point + 0.0) for point in isometry.points_before(points))
+        up = _vector(isometry.directions_before(np.asarray(camera.up, np.float64)) + 0.0)
+        rays = (isometry.directions_before(own) for own in (self.corner, self.column, self.row))
+        homogeneous = np.eye(4)
+        homogeneous[:3, :3] = isometry.matrix
+        homogeneous[:3, 3] = isometry.vector
+        part_of = None if self.part_of is None else self.part_of.before(isometry)
+        moved = replace(camera, eye=eye, at=at, up=up)
+        own = moved, self.width, self.height, *rays, self.to_pixel @ homogeneous
+        return View(*own, left=self.left, top=self.top, part_of=part_of)
 
     @property
     def whole(self) -> View:

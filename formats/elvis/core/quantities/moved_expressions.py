@@ -132,18 +132,18 @@ class MovedLeaves:
             found = _derivatives(along, slopes)
             is_place = not node.axes
             return call("+", found, number(self.isometry.shift[places.index(node.name)])) if is_place else found
-        return _derivatives(list(self._fields(node.name)), slopes)
+        return _derivatives(list(self.fields(node.name)), slopes)
 
-    def _fields(self, name: str) -> Iterator[tuple[float, str]]:
+    def fields(self, name: str) -> Iterator[tuple[float, str]]:
         """Factors and names of the fields whose sum a field is on the copy."""
         owner, colon, rest = name.partition(":")
         if colon and owner in self.names.shared:
-            yield from ((factor, f"{owner}:{own}") for factor, own in self._fields(rest))
+            yield from ((factor, f"{owner}:{own}") for factor, own in self.fields(rest))
         elif is_rate(name):
-            yield from ((factor, f"d({own},t)") for factor, own in self._fields(name[2:-3]))
+            yield from ((factor, f"d({own},t)") for factor, own in self.fields(name[2:-3]))
         elif (made := derived_of(name)) is not None:
             wrap, inner, axes = made
-            for factor, own in self._fields(inner):
+            for factor, own in self.fields(inner):
                 for slope, along in _products([self._row(axis) for axis in axes]):
                     yield factor * slope, derived_name(wrap, own, along)
         elif name in self.components:

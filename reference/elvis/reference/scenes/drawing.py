@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product, zip_longest
@@ -15,6 +15,7 @@ from elvis.core.arrays import Bools, Floats
 from elvis.core.errors import ElvisError
 from elvis.reference.clipping import is_clipped, unsure
 from elvis.reference.composing import Fragments, SurfaceHits, colored, is_lit, record
+from elvis.reference.copied import CopiedQuantities
 from elvis.reference.hits import Hits
 from elvis.reference.locating import Locator
 from elvis.reference.pixel_lines import contour_values, lines, next_to_unseen
@@ -66,7 +67,8 @@ def render(source: Source, scene: Scene) -> Frame:
     Raises ElvisError or SceneError if nothing is visible or something can't be drawn.
     """
     start, names = perf_counter(), names_of(scene)
-    quantities = source.quantities(names)
+    copies = None if scene.copies is None else scene.copies.isometries()
+    quantities = source.quantities(names) if copies is None else source.copied(names, copies)
     boxes = quantities.boxes
     tracer = Scenery(quantities, surrounding(boxes) if sum(map(len, boxes)) else np.zeros((2, 3)))
 
@@ -132,9 +134,9 @@ class Scenery:
             case Faces(select=select):
                 found = self._faces(select, view)
             case Streamlines():
-                found = self._lines(shown, view)
+                found = self._in_copies(lambda made, sight: self._lines(made, shown, sight), view)
             case Glyphs():
-                found = glyph_crossings(self.quantities, shown, view)
+                found = self._in_copies(lambda made, sight: glyph_crossings(made, shown, sight), view)
             case _:
                 return Crossings.none()
         found = found.weighed(view, self._greatest(view))
@@ -144,12 +146,24 @@ class Scenery:
             found = found.part(~is_clipped(scene.clip, *asked))
         return found.once(self.quantities.patches, self.size)
 
-    def _lines(self, shown: Streamlines, view: View) -> Crossings:
+    def _lines(self, made: Quantities, shown: Streamlines, view: View) -> Crossings:
         """Streamlines, and arrow heads along them."""
         meet = tube_crossings if shown.ribbon is None else ribbon_crossings
-        found = [meet(self.quantities, shown, view)]
+        found = [meet(made, shown, view)]
         if shown.arrows is not None:
-            found.append(solid_crossings(self.quantities, heads_in(self.quantities.flow, shown), view))
+            found.append(solid_crossings(made, heads_in(made.flow, shown), view))
+        return Crossings.concatenate(found)
+
+    def _in_copies(self, meet: Callable[[Quantities, View], Crossings], view: View) -> Crossings:
+        """Hits with solids along lines of the data, in all copies."""
+        made = self.quantities
+        if not isinstance(made, CopiedQuantities):
+            return meet(made, view)
+        found = []
+        for number, isometry in enumerate(made.isometries):
+            own = meet(made.uncopied, view.before(isometry))
+            patch = own.patch + number * len(made.originals)
+            found.append(replace(own, patch=patch, normal=isometry.directions(own.normal)))
         return Crossings.concatenate(found)
 
     def _levels(self, name: str, values: Sequence[float], view: View) -> Crossings:
