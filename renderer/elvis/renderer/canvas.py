@@ -33,6 +33,8 @@ from elvis.scene.view import View
 
 #: most pixels that are drawn at once, and hits that are kept while colours must wait for other bands
 BAND, KEPT = 1 << 21, 1 << 23
+#: the same while copies of data are drawn, each of which has hits of its own: many copies take no more than few
+KEPT_OF_COPIES = 1 << 20
 #: bytes for each pixel of a picture with and without its record until it is saved, and for each that is drawn at once
 BYTES, BYTES_AT_ONCE = {True: 216, False: 8}, 400
 
@@ -104,7 +106,8 @@ class Canvas:
         bands, samples = list(self._bands()), self.scene.samples**2 + (self.scene.samples % 2 == 0)
         in_parts = len(bands) > 1 or not self.rows.is_alone
         first = bands if in_parts and not self.painter.is_complete(self.draw_calls) else []
-        self.total, room = len(first) + len(bands) * samples, KEPT
+        self.total = len(first) + len(bands) * samples
+        room = KEPT_OF_COPIES if self.stages.copied.copies else KEPT
         kept: dict[int, Drawn] = {}
         for band in first:
             drawn = self._draw_hit_buffers(band.view)
@@ -217,8 +220,10 @@ class Canvas:
         start, drawn = perf_counter(), []
         for draw_call in self.draw_calls:
             for hits in self.stages.hit_buffers(draw_call, view, self.scene.clip):
-                drawn.append((draw_call, hits))
                 check_time()
+                # most copies are elsewhere than a band
+                if draw_call.copy is None or not hits.is_empty:
+                    drawn.append((draw_call, hits))
         self.seconds["surfaces"] = self.seconds.get("surfaces", 0.0) + perf_counter() - start
         self.done += 1
         self.progress(self.done, self.total)

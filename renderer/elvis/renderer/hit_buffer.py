@@ -122,6 +122,13 @@ class HitBuffer:
             values[self.owner == NOBODY] = nothing
         return values
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing is hit, and nothing may have been missed."""
+        if np.any(self.owner != NOBODY) or self.status.any():
+            return False
+        return self.doubt is None or not np.isfinite(self.doubt).any()
+
     def without(self, gone: Bools) -> HitBuffer:
         """The hit buffer without its hits in the pixels ``gone`` (n,)."""
         wide = gone[:, None]

@@ -60,4 +60,4 @@ def places_of(quantities: Quantities) -> dict[int, tuple[int, int]]:
 def _runs(pixel: Ints) -> Iterator[tuple[int, int]]:
     """Starts and ends of runs of equal numbers (n,)."""
     starts = np.flatnonzero(np.diff(pixel, prepend=-1))
-    yield from zip(starts, [*starts[1:], len(pixel)], strict=True)
+    yield from zip(starts, [*starts, len(pixel)][1:], strict=True)
