@@ -9,6 +9,7 @@ from typing import Any, get_args
 
 from elvis.scene import scene_schema
 from elvis.scene.convolution import Lic
+from elvis.scene.copies import Copies, Repeat, Turn
 from elvis.scene.objects import SceneObject, Transfer
 from elvis.scene.settings import Setting, choices, default_of, is_free, settings, type_words, types
 from elvis.scene.style import ColorBar, Contours, MeshLines, Style
@@ -27,6 +28,7 @@ CHAPTERS = {
     "Lights and clips": (Light, Clip),
     "Reference": (Reference,),
     "Deform": (Deform,),
+    "Copies": (Copies, Repeat, Turn),
 }
 HEAD = """<!-- made by tools/scene_page.py from the models in renderer/elvis/scene -->
 

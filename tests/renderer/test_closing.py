@@ -11,7 +11,7 @@ import pytest
 from elvis import Camera, CutSurface, DeviceError, Faces, Isosurface, Plane, Renderer, Scene, render
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
-from elvis.renderer import rendering
+from elvis.renderer import persistence
 from elvis.renderer.device import Device
 from elvis.renderer.device_errors import DeviceLostError
 
@@ -88,7 +88,7 @@ def test_an_error_while_drawing_holds_no_device(cube, uncollected, monkeypatch):
         raise DeviceLostError("the device failed: ERROR_DEVICE_LOST")
 
     monkeypatch.setattr(Device, "read", fails)
-    monkeypatch.setattr(rendering, "FEWEST", rendering.BAND // 8)
+    monkeypatch.setattr(persistence, "FEWEST", persistence.BAND // 8)
     with pytest.raises(DeviceError) as raised:
         render(cube, FACES, device="vulkan")
     kept.append(raised.value)

@@ -3,8 +3,14 @@
 import numpy as np
 import pytest
 
-from elvis import Camera, Copies, Plane, Scene, from_arrays, render
+from elvis import Camera, Copies, Plane, Repeat, Scene, SceneError, Turn, from_arrays, render
+from elvis.core.isometries import Isometry
 from elvis.core.polynomials.quadrature import lobatto
+from elvis.core.quantities import Expression, Names
+from elvis.core.quantities.moved_expressions import moved
+from elvis.renderer.rendering import Pictures
+from elvis.scene.commandline.writing import option_words
+from elvis.scene.tables import scene_of, table_of
 
 ORDER = 3
 LINE = lobatto(ORDER + 1)[0]
@@ -50,6 +56,20 @@ def mirrored():
     x, own = nodes(), values(nodes())
     image = {name: reversed_nodes(SIGNS[name] * field) for name, field in own.items()}
     return dataset([(x, own), (reversed_nodes(x * [-1.0, 1.0, 1.0]), image)])
+
+
+@pytest.fixture(scope="module")
+def turned():
+    """The elements, turned by quarters about an axis, and all of these again above."""
+    parts = []
+    for above in (0.0, 2.0):
+        for cosine, sine in ((1, 0), (0, 1), (-1, 0), (0, -1)):
+            x, own = nodes() + np.array([0.5, 0.25, 0.0]), values(nodes())
+            places = np.stack([cosine * x[..., 0] - sine * x[..., 1], sine * x[..., 0] + cosine * x[..., 1]], axis=-1)
+            across = {"u": cosine * own["u"] - sine * own["v"], "v": sine * own["u"] + cosine * own["v"]}
+            middle = np.concatenate([places - [0.5, 0.25], x[..., 2:] + above], axis=-1)
+            parts.append((middle, own | across))
+    return dataset(parts)
 
 
 CAMERA = Camera((2.1, -3.3, 2.2), (0.0, 0.5, 0.4), fov=38.0)
@@ -106,3 +126,61 @@ FIELDS = ["u", "vorticity_y", "d(u,y)+d(v,x)", "q_criterion", "p", "x+2*y", "nx"
 def test_turned_and_mirrored_copies_are_those_of_the_reference(data, field):
     options = {"mirror": "-0.3,0,0:1,-0.2,0.1", "turn": "-0.3,-1.3,0:0.1,0,1:3", "faces": "all", "size": 40}
     check_reference(data, field, camera="iso", **options)
+
+
+@pytest.mark.parametrize("field", ["v", "vorticity_x"])
+def test_turned_and_repeated_copies_are_those_of_a_file(data, turned, field):
+    options = {"camera": Camera((3, -5, 4), (-0.5, 0, 1.3), fov=35.0), "size": 90, "faces": "all"}
+    ours = render(data, field, turn="-0.5,-0.25,0:z:4", repeat="0,0,2:2", **options)
+    compare(ours, render(turned, field, **options), 4)
+
+
+def test_invariant_quantities_are_recognized():
+    names = Names(("u", "v", "w", "p", "W_x", "W_y", "W_z", "uu", "uv", "vv"), dimension=3)
+    mirror, turn = Isometry.mirror((0.3, 0, 0), (1, 0, 0)), Isometry.turn((0, 0, 0), (1, 2, 3), 50.0)
+    for text, sign in {"p": 1, "u": -1, "v": 1, "W_x": 1, "W_y": -1, "vorticity_x": 1, "vorticity_y": -1}.items():
+        own = Expression.parse(text, names)
+        found = moved(own, mirror, names).root
+        assert found is (own.root if sign > 0 else Expression.parse(f"-({text})", names).root)
+    for text in ("p", "q_criterion", "speed", "lambda2", "grad(p)", "laplacian(p)"):
+        own = Expression.parse(text, names)
+        assert moved(own, turn, names) is own
+    # thresholds may hide a difference from every sample
+    assert moved(Expression.parse("max(u, -1000)", names), mirror, names).root.op == "max"
+
+
+def test_many_copies_take_no_memory(data):
+    """The data of 64 copies are those of one; the pool of buffers does not grow from frame to frame."""
+    repeat = tuple(Repeat(step, 4) for step in ((1.5, 0, 0), (0, 1.5, 0), (0, 0, 1.5)))
+    with Pictures(data) as pictures:
+        alone = pictures.draw(Scene("p", size=(24, 24)))
+        many = [pictures.draw(Scene("p", size=(24, 24), copies=Copies(repeat=repeat))) for _ in range(3)]
+    assert [own.stats["bytes"]["volume"] for own in many] == 3 * [alone.stats["bytes"]["volume"]]
+    assert len(np.unique(many[0].copy)) > 30
+    assert np.array_equal(many[0].field, many[2].field, equal_nan=True)
+
+
+def test_options_tables_and_words_are_one_scene():
+    copies = Copies((Plane((0, 0, 0), (1, 0, 0)),), (Turn((0, 0, 1), 3, (1, 0, 0)),), (Repeat("x", 2),))
+    scene = Scene("p", copies=copies)
+    assert scene_of(table_of(scene)) == scene
+    assert option_words(scene)[2:] == ["--mirror", "0,0,0:1,0,0", "--turn", "1,0,0:0,0,1:3", "--repeat", "x:2"]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"mirror": "x=0.5"}, r"mirror: the plane .* cuts the domain, which reaches from -0\.5 to 0\.5 across it"),
+        ({"repeat": "0.7,0,0:3"}, "copies: copy 1 overlaps copy 0"),
+        ({"turn": "z:8"}, "copies: copy 1 overlaps copy 0"),
+        ({"repeat": "x:2"}, "repeat: the data declare a period in no direction: expected a vector instead of x"),
+        ({"mirror": "x=0", "volume": "0:1,1:2"}, "copies: volumes are not drawn in copies"),
+        ({"mirror": "x=0", "memory": 1e9}, "copies: not available for data in parts or with a limit of memory"),
+        ({"repeat": "1,0,0"}, "repeat: expected VECTOR:COUNT such as 1,0,0:4"),
+        ({"repeat": "2,0,0:2000"}, "count of a repetition: expected 2 to 1024"),
+    ],
+)
+def test_bad_input_gives_one_line_error(data, options, message):
+    with pytest.raises(SceneError, match=message) as raised:
+        render(data, "p", size=20, **options)
+    assert "\n" not in str(raised.value)

@@ -125,7 +125,7 @@ def test_lines_of_the_undeformed_mesh_match_those_of_the_data():
 def test_bands_of_rows_show_the_same_undeformed_mesh(monkeypatch, how):
     whole = both(how)
     # bands of five rows, whose borders are those of the square
-    monkeypatch.setattr("elvis.renderer.rendering.BAND", 200)
+    monkeypatch.setattr("elvis.renderer.persistence.BAND", 200)
     bands = both(how)
     assert np.array_equal(bands.color, whole.color)
     assert np.array_equal(bands.element, whole.element)

@@ -23,7 +23,7 @@ from elvis import (
 from elvis.core.dataset import Dataset
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple
-from elvis.renderer import rendering
+from elvis.renderer import persistence
 from elvis.scene.commandline.composing import composed
 from elvis.scene.commandline.writing import option_words
 from elvis.scene.picture import sentences
@@ -278,7 +278,7 @@ def test_bands_make_the_same_picture(draw, solid, monkeypatch):
     cut = CutSurface(Plane((0.5, 0.5, 0.4), (0, 0.2, 1)), style)
     scene = {"field": "u", "objects": (cut,), "camera": "iso", "size": (60, 50)}
     whole = draw(solid, **scene)
-    monkeypatch.setattr(rendering, "BAND", 60 * 7)
+    monkeypatch.setattr(persistence, "BAND", 60 * 7)
     bands = draw(solid, **scene)
     assert np.array_equal(whole.color, bands.color)
     assert tone_of(whole)[whole.seen].std() > 0.5

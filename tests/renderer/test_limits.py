@@ -25,7 +25,7 @@ from elvis.core.dataset import Field
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
 from elvis.plugins import command
-from elvis.renderer import canvas, device, rendering
+from elvis.renderer import canvas, device, persistence
 from elvis.renderer.device_errors import DeviceLostError
 from elvis.scene.palette import NOT_A_NUMBER
 from elvis.scene.view import view_of
@@ -67,7 +67,7 @@ def test_large_pictures_store_only_colours(renderer, cube, monkeypatch):
     drawing.load(cube, "u")
     scene = Scene("u", objects=(Faces(), CutSurface(PLANE)), camera=NEAR, size=(60, 50), samples=2)
     whole = drawing.render(scene)
-    monkeypatch.setattr(rendering, "BAND", 60 * 20)
+    monkeypatch.setattr(persistence, "BAND", 60 * 20)
     lean = drawing.render(scene, references=False)
     assert lean.field.strides == lean.drawing.normal.strides[:2] == (0, 0)
     assert np.abs(lean.rgb.astype(int) - whole.rgb).max() <= 1
@@ -102,8 +102,8 @@ def test_a_lost_device_is_reopened_for_smaller_parts(cube, renderer, monkeypatch
         whole = drawing.render(Scene("u", **scene, camera=NEAR, size=(80, 90)))
         first = drawing.device
         monkeypatch.setattr(device.Device, "_filled", fails)
-        monkeypatch.setattr(rendering, "BAND", 80 * 90 // 3)
-        monkeypatch.setattr(rendering, "FEWEST", 80 * 90 // 40)
+        monkeypatch.setattr(persistence, "BAND", 80 * 90 // 3)
+        monkeypatch.setattr(persistence, "FEWEST", 80 * 90 // 40)
         again = drawing.render(Scene("u", **scene, camera=NEAR, size=(80, 90)))
         assert drawing.device is not first
     assert np.array_equal(whole.element, again.element)
@@ -120,7 +120,7 @@ def test_a_list_beyond_kernel_limits_is_drawn_in_parts(cube, renderer, monkeypat
         first = drawing.device
         first.reach = 1 << 16
         with monkeypatch.context() as patch:
-            patch.setattr(rendering, "FEWEST", rendering.BAND)
+            patch.setattr(persistence, "FEWEST", persistence.BAND)
             with pytest.raises(DeviceError, match=r"addresses 64 KiB of a bound .* takes [\d.]+ [KM]iB, even"):
                 drawing.render(scene)
 
@@ -247,13 +247,15 @@ def test_every_key_of_a_scene_has_an_option_and_every_option_a_key():
     from dataclasses import fields
 
     from elvis.scene.commandline.options import OBJECTS, STYLES, scene_options
+    from elvis.scene.copies import Copies
     from elvis.scene.whole import Deform
 
     # files are arguments: those of the data, and scenes where there are several; --set takes reference values
-    keys = {field.name for field in fields(Scene)} - {"data", "scenes", "objects", "reference"}
+    keys = {field.name for field in fields(Scene)} - {"data", "scenes", "objects", "reference", "copies"}
     names = [option.name for option in scene_options(())]
     of_deform = [f"deform_{field.name}" for field in fields(Deform) if field.name != "displacement"]
-    assert sorted(names) == sorted([*keys, *OBJECTS, *STYLES, *of_deform])
+    of_copies = [f"copies_{field.name}" for field in fields(Copies)]
+    assert sorted(names) == sorted([*keys, *OBJECTS, *STYLES, *of_deform, *of_copies])
 
 
 @pytest.mark.parametrize(("own", "asked", "time"), [(3.0, None, 3.0), (3.0, 0.5, 0.5), (None, -2.0, -2.0)])

@@ -6,7 +6,7 @@ import pytest
 from elvis import Camera, Contours, CutSurface, Faces, MeshLines, Plane, Style
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid, with_field
-from elvis.renderer import rendering
+from elvis.renderer import persistence
 from elvis.renderer.passes.lines.lines import line_coverage
 
 SIZE, STEP = (24, 20), 0.008
@@ -68,8 +68,8 @@ def test_surfaces_beyond_the_edge_do_not_affect_lines(draw, monkeypatch):
     data = with_field(grid(Shape.QUADRILATERAL, 3), lambda points: points[..., 0] - 0.5, 2)
     camera = Camera((0.5, 0.5, 3.0), (0.5, 0.5, 0.0), (0.0, 1.0, 0.0), height=0.4)
     style = Style(contours=Contours(count=3, width=20.0))
-    for most in (rendering.BAND, 5 * 30):
-        monkeypatch.setattr(rendering, "BAND", most)
+    for most in (persistence.BAND, 5 * 30):
+        monkeypatch.setattr(persistence, "BAND", most)
         frame = draw(data, field="sqrt(u)", objects=(Faces(style=style),), camera=camera, size=(30, 30))
         assert frame.range == (np.nanmin(frame.field), np.nanmax(frame.field))
         assert frame.counts()["not_a_number"] == np.isnan(frame.field).sum() > 100

@@ -21,7 +21,7 @@ from elvis.formats.reading import read_parts
 from elvis.plugins.command import elvis
 from elvis.plugins.faces import faces_of
 from elvis.plugins.serving import volume_of
-from elvis.renderer import rendering
+from elvis.renderer import persistence
 from elvis.renderer.bricks import Bricks, InMemory
 from elvis.renderer.completing import completed
 from elvis.renderer.parts import RankPart, drawable, is_local, what_matters
@@ -163,7 +163,7 @@ def test_pictures_in_bands_match_whole_pictures(renderer, bent, name, tmp_path, 
     drawn = renderer("vulkan")
     expected = written(drawn, bent, scene, tmp_path)
     for rows in (14, 4):
-        monkeypatch.setattr(rendering, "BAND", 32 * rows)
+        monkeypatch.setattr(persistence, "BAND", 32 * rows)
         assert written(drawn, bent, scene, tmp_path) == expected
 
 

@@ -38,7 +38,7 @@ def periods(dataset: Dataset) -> dict[str, float]:
 
     They are the lengths of Fourier directions, and the extents of the domain between sides that the mesh identifies.
     """
-    found = {}
+    found: dict[str, float] = {}
     for block in (block for field in dataset.fields for block in field.blocks):
         lengths = block.expansion.homogeneous.lengths if block.expansion.homogeneous else ()
         found |= dict(zip(AXES[3 - len(lengths) :], lengths, strict=True))
@@ -83,7 +83,9 @@ def check_mirror(dataset: Dataset, before: Sequence[Isometry], point: Floats, no
     corners = mesh_corners(dataset)
     slack = SLACK * float(np.linalg.norm(corners[1] - corners[0]))
     low, high = np.inf, -np.inf
-    for direction, offset in {(tuple(own.directions_before(n) + 0.0), float(n @ (own.vector - point))) for own in before}:
+    for direction, offset in {
+        (tuple(own.directions_before(n) + 0.0), float(n @ (own.vector - point))) for own in before
+    }:
         known = quantity_range(dataset, _height(direction, offset))
         if known is not None:
             low, high = min(low, known.lower), max(high, known.upper)

@@ -20,7 +20,7 @@ from elvis.core.isometries import Isometry
 from elvis.core.mapping.boxes import Boxes, element_boxes
 from elvis.core.patch import Patch
 from elvis.core.polynomials.collapse import uncollapse
-from elvis.core.polynomials.expansion import values
+from elvis.core.polynomials.expansion import mode_count, values
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.attributes import Attributes
@@ -138,21 +138,25 @@ def _combined(patch: Patch, names: Sequence[str], name: str, leaves: MovedLeaves
     if expansion is None:
         return None
     places = leaves.names.places
-    total = np.zeros_like(patch.coefficients[number])
-    if name in places:
-        row = leaves.isometry.rotation[places.index(name)]
-        terms = list(zip(row, places, strict=False))
-        total = total + leaves.isometry.shift[places.index(name)] * _one(expansion)
-    else:
-        terms = leaves.fields(name)
-    for factor, own in terms:
-        if factor == 0.0:
-            continue
+    total = np.zeros((len(patch), mode_count(expansion)))
+    for factor, own in _terms(name, leaves):
         other = names.index(own)
-        if patch.fields[other] != expansion:
+        coefficients = patch.coefficients[other]
+        if patch.fields[other] != expansion or coefficients is None:
             raise ElvisError(f"copies: the reference needs {name} and {own} in one expansion")
-        total = total + factor * patch.coefficients[other]
-    return frozen_floats(total)
+        total = total + factor * coefficients
+    places = leaves.names.places
+    shift = leaves.isometry.shift[places.index(name)] if name in places else 0.0
+    return frozen_floats(total + shift * _one(expansion))
+
+
+def _terms(name: str, leaves: MovedLeaves) -> list[tuple[float, str]]:
+    """Factors and names of the fields whose sum a field is on a copy."""
+    places = leaves.names.places
+    if name not in places:
+        return list(leaves.fields(name))
+    row = leaves.isometry.rotation[places.index(name)]
+    return [(factor, own) for factor, own in zip(row, places, strict=False) if factor != 0.0]
 
 
 def _one(expansion: Expansion) -> Floats:

@@ -20,10 +20,11 @@ from elvis.core.terminal import Progress
 from elvis.renderer.hit_buffer import HitBuffer
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.rank_rows import RankRows, joined
-from elvis.renderer.shading import Drawn, Painter, record_of
+from elvis.renderer.shading import Painter
 from elvis.renderer.stages import Stages
 from elvis.renderer.tiles import TILE
 from elvis.renderer.tracing import Tracer
+from elvis.renderer.visible_hits import Drawn, record_of
 from elvis.scene import Scene
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Drawing, Frame, Status, whole
@@ -40,6 +41,11 @@ BYTES, BYTES_AT_ONCE = {True: 216, False: 8}, 400
 
 #: bytes that there are always
 LITTLE = 1 << 22
+
+
+def is_exact(scene: Scene) -> bool:
+    """Whether the scene needs more than colours, such as depths that hide the box, or has no outputs."""
+    return scene.box or not scene.outputs or not all(name.lower().endswith(PIXELS) for name in scene.outputs)
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,6 +19,7 @@ import numpy as np
 from elvis.core.arrays import Floats
 from elvis.core.errors import ElvisError
 from elvis.core.isometries import Isometry
+from elvis.core.mapping.boxes import Boxes
 from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.moved_expressions import moved
 from elvis.core.quantities.tree import Node
@@ -213,3 +214,8 @@ def surrounding_copies(box: Floats, copies: Sequence[Copy]) -> Floats:
     """(2, 3) box around all copies of a box (2, 3); the box itself without copies."""
     boxes = np.array([copy.isometry.box(box) for copy in copies] or [box])
     return np.array([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
+
+
+def boxes_of_copies(box: Floats, copies: Sequence[Copy]) -> list[Boxes]:
+    """A box (1, 6) around each further copy of a box (2, 3)."""
+    return [np.asarray(copy.isometry.box(box).reshape(1, 6), np.float32) for copy in copies[1:]]

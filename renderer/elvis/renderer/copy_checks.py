@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from elvis.core.copied_domains import check_copies as check_domains
@@ -14,9 +16,32 @@ from elvis.scene import Copies, Scene, VolumeRendering
 from elvis.scene.errors import SceneError
 
 
-def periods_of(data: Dataset | PluginData) -> dict[str, float]:
-    """The periods that data declare, by the names of the axes; those of a plugin declare none."""
-    return periods(data) if isinstance(data, Dataset) else {}
+def with_periods(scene: Scene, data: Dataset | PluginData) -> Scene:
+    """The scene with the periods of data instead of the names of directions; data of a plugin declare none."""
+    if scene.copies is None:
+        return scene
+    known = periods(data) if isinstance(data, Dataset) else {}
+    return replace(scene, copies=scene.copies.with_periods(known))
+
+
+class CopyChecks:
+    """Checks of copies, made once for the same copies of the same data."""
+
+    def __init__(self) -> None:
+        self._known: tuple[Copies, object, object] | None = None
+
+    def check(self, scene: Scene, kind: Kind | None, data: Dataset | PluginData, *, is_whole: bool) -> None:
+        """SceneError for copies that can't be drawn, mirrors that cut the domain, and copies that overlap.
+
+        is_whole  whether all of the data are at hand
+        """
+        if scene.copies is None:
+            return
+        check_drawable(scene, kind, is_whole=is_whole)
+        own = (data.mesh, data.deformation) if isinstance(data, Dataset) else (data, None)
+        if self._known != (scene.copies, *own):
+            check_copies(scene.copies, data)
+            self._known = scene.copies, *own
 
 
 def check_drawable(scene: Scene, kind: Kind | None, *, is_whole: bool) -> None:

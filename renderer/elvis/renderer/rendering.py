@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,14 +26,13 @@ from elvis.plugins.volume import Volume
 from elvis.plugins.volume_checks import Samples
 from elvis.renderer.bands import Bands
 from elvis.renderer.bricks import Bricks, InMemory, timed
-from elvis.renderer.canvas import BAND, Canvas, check_memory
+from elvis.renderer.canvas import Canvas, check_memory, is_exact
 from elvis.renderer.completing import arranged, default_field, kind_of, other_device, with_quantity
-from elvis.renderer.copied import CopiedData, surrounding_copies
-from elvis.renderer.copy_checks import check_copies, check_drawable, periods_of
+from elvis.renderer.copied import CopiedData, boxes_of_copies, surrounding_copies
+from elvis.renderer.copy_checks import CopyChecks, with_periods
 from elvis.renderer.curves import draw_curves
 from elvis.renderer.deformed_data import DeformedData
 from elvis.renderer.device import Device
-from elvis.renderer.device_errors import DeviceError, DeviceLostError
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.drafts import is_draft
 from elvis.renderer.element_samples import sample_elements
@@ -42,6 +41,7 @@ from elvis.renderer.frame_notes import note, remarks_on_conversion, remarks_on_d
 from elvis.renderer.ghosts import Ghosts, check_ghosts
 from elvis.renderer.other_data import OtherData
 from elvis.renderer.parts import RankPart
+from elvis.renderer.persistence import at_once, persistent
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.probing import Places
 from elvis.renderer.rank_pictures import RankPicture
@@ -55,10 +55,9 @@ from elvis.renderer.tiles import TILE
 from elvis.scene import Camera, Copies, Plane, Scene, Vector
 from elvis.scene.bare_mesh import REMARK, of_mesh
 from elvis.scene.errors import AbsentError, SceneError
-from elvis.scene.fitting import automatic, empty_picture_remark, is_of_elements, surrounding
+from elvis.scene.fitting import automatic, empty_picture_remark, is_of_elements
 from elvis.scene.frame import Frame
 from elvis.scene.palette import automatic_range
-from elvis.scene.permissions import PIXELS
 from elvis.scene.quantities import quantities, with_velocities
 from elvis.scene.time_limit import check_time, limited
 from elvis.scene.view import PlaneView, View, view_of
@@ -67,10 +66,6 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
     from elvis.scene.render_keywords import RenderKeywords
-
-T = TypeVar("T")
-#: pixels at once below which a device that fails has failed for good
-FEWEST = 1 << 12
 
 
 def render(
@@ -105,11 +100,6 @@ def _render(data: Dataset | PluginData | Bricks, scene: Scene, device: str, prog
     """A picture of data that are at hand."""
     with Pictures(data, device, progress) as pictures:
         return pictures.draw(scene)
-
-
-def _is_exact(scene: Scene) -> bool:
-    """Whether the scene needs more than colours, such as depths that hide the box, or has no outputs."""
-    return scene.box or not scene.outputs or not all(name.lower().endswith(PIXELS) for name in scene.outputs)
 
 
 class Pictures:
@@ -174,7 +164,7 @@ class Pictures:
         self._deformed = DeformedData(self.data, self.data is data)
         self._geometry: Dataset | PluginData = self.data
         self._checked: tuple[str, float | None] | None = None
-        self._examined: tuple[Copies, Dataset | PluginData] | None = None
+        self._copy_checks = CopyChecks()
         self._conversion: tuple[object, tuple[str, ...]] = (None, ())
 
     def draw(self, scene: Scene) -> Frame:
@@ -182,14 +172,13 @@ class Pictures:
         asked, scene, data, remarks = self._arranged(scene)
         other = other_device(self.device)
         check_ghosts(scene, self._kind, self.device, other is None)
-        if scene.copies is not None:
-            self._check_copies(scene, scene.copies, data)
+        self._copy_checks.check(scene, self._kind, data, is_whole=self._part is None and self._bricks is None)
         if other is not None:
             return note(other(data, scene), asked, data, remarks)
         if self._kind is Kind.LINE and isinstance(data, Dataset):
             return note(draw_curves(data, scene), asked, data, remarks)
         renderer = self._with_volume(data, scene)
-        frame = renderer.render(scene, references=_is_exact(scene))
+        frame = renderer.render(scene, references=is_exact(scene))
         return note(frame, asked, data, (*remarks, *self._remarks))
 
     def camera(self, scene: Scene) -> Camera:
@@ -198,14 +187,6 @@ class Pictures:
         if other_device(self.device) is not None or self._kind is Kind.LINE:
             return self.draw(scene).view.camera
         return self._with_volume(data, shown).view(shown).camera
-
-    def _check_copies(self, scene: Scene, copies: Copies, data: Dataset | PluginData) -> None:
-        """SceneError for copies that can't be drawn, and those that overlap; examined once for the same copies."""
-        check_drawable(scene, self._kind, is_whole=self._part is None and self._bricks is None)
-        known = copies, self._geometry
-        if self._examined != known:
-            check_copies(copies, data)
-            self._examined = known
 
     def _arranged(self, scene: Scene) -> tuple[Scene, Scene, Dataset | PluginData, tuple[str, ...]]:
         """The requested scene, the scene that shows it, the data of its picture and remarks on them."""
@@ -218,8 +199,7 @@ class Pictures:
         if not scene.field and isinstance(data, Dataset) and not data.solution:
             scene, data = of_mesh(scene), replace(data, remarks=(*data.remarks, REMARK))
         scene = scene if scene.field else replace(scene, field=default_field(data))
-        if scene.copies is not None:
-            scene = replace(scene, copies=scene.copies.with_periods(periods_of(data)))
+        scene = with_periods(scene, data)
         data = timed(data, scene.time) if isinstance(data, Dataset) else data
         if self._checked != (scene.field, scene.time):
             scene = with_quantity(scene, data)
@@ -392,7 +372,7 @@ class Renderer:
         start = perf_counter()
         with limited(scene.timeout):
             rows = RankRows(self.ranks, self.bands)
-            frame = self._persistent(lambda most: self._draw(scene, references, most, rows))
+            frame = persistent(lambda most: self._draw(scene, references, most, rows), self._reopen)
             check_time()
         if not frame.status.any() and not self.ranks.rank:
             boxes = surrounding_copies(self.stages.box, self.stages.copied.copies)
@@ -417,26 +397,13 @@ class Renderer:
     def view(self, scene: Scene) -> View:
         """The view that `render` uses for a scene."""
         with limited(scene.timeout):
-            return self._persistent(lambda most: self._view(scene))
-
-    def _persistent(self, work: Callable[[int], T]) -> T:
-        """Run work with the number of pixels to draw at once, which is reduced if the device fails."""
-        most = BAND
-        while True:
-            try:
-                return work(most)
-            except DeviceLostError as error:
-                most //= 8
-                if most < FEWEST:
-                    raise DeviceError(f"{error}, even if it draws a few rows of the picture at a time") from error
-                self._reopen()
+            return persistent(lambda most: self._view(scene), self._reopen)
 
     def _draw(self, scene: Scene, references: bool, most: int, rows: RankRows) -> Frame:
         """A frame that is drawn with at most ``most`` pixels at once."""
         view = self._view(scene)
         check_time()
-        # hits of all copies are at hand at once
-        most = max(FEWEST, most // max(1, len(self.stages.copied.copies)))
+        most = at_once(most, len(self.stages.copied.copies))
         check_memory(view, references, most)
         if isinstance(view, PlaneView) and scene.is_plain and view.count <= 4 * most:
             return self._plane_frame(scene, view, references, rows)
@@ -460,9 +427,7 @@ class Renderer:
         if self._fitted is None or self._fitted[0] != key:
             every = [self.stages, *self.stages.ghosts.values()]
             boxes = [part.boxes for own in every for part in own.loaded.parts]
-            # one box for each further copy
-            copies = [copy.isometry.box(self.stages.box).reshape(1, 6) for copy in self.stages.copied.copies[1:]]
-            boxes += [np.asarray(box, np.float32) for box in copies]
+            boxes += boxes_of_copies(self.stages.box, self.stages.copied.copies)
             asked = automatic(scene, boxes, partial(self.glance, rows=RankRows()))
             self._fitted, self._stays = (key, view_of(asked)), is_of_elements(scene)
         return self._fitted[1]

@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats
 from elvis.core.errors import ElvisError
 from elvis.renderer.compositing import FragmentLists
 from elvis.renderer.draw_calls import DrawCall
@@ -23,87 +23,14 @@ from elvis.renderer.passes.volume.volume_rendering import Medium
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.stages import Stages
 from elvis.renderer.undeformed import STYLES
+from elvis.renderer.visible_hits import Drawn
 from elvis.scene import ColorBar, Implicit, Scene, Style, Transfer, Vector, VolumeRendering
-from elvis.scene.conditioning import uncertainties
-from elvis.scene.frame import Legend, Status
+from elvis.scene.frame import Legend
 from elvis.scene.palette import Palette, automatic_range, is_constant, text_color_on
 from elvis.scene.view import View
 
-#: part of a depth within which it is asked whether either of two hits may be the nearer one
-NEAR = 2e-8
 #: key of a colour map: the quantity, the name of the map, the requested range, the scale of colours
 Key: TypeAlias = tuple[str, str, object, ColorBar | None]
-Drawn: TypeAlias = list[tuple[DrawCall, HitBuffer]]
-
-
-def record_of(drawn: Drawn, view: View, extent: float, *, whole: bool = True) -> HitBuffer:
-    """The surface that counts at each pixel: of the most opaque ones the nearest; failed searches anywhere show.
-
-    extent  the greatest coordinate of the data, in magnitude
-    whole   whether reference coordinates, normals and uncertainties are wanted too
-    What another one may have overlooked, or has so near that either may be the nearer one, makes pixels ambiguous.
-    The undeformed geometry does not count.
-    """
-    drawn = [(call, call.in_world(hits)) for call, hits in drawn if call.ghost is None]
-    numbers = [0 if call.copy is None else call.copy.number for call, _ in drawn]
-    if len(drawn) == 1:
-        only = drawn[0][1]
-        copies = np.where(only.owner == NOBODY, -1, numbers[0]) if drawn[0][0].copy else None
-        return only if copies is None else only.of_copies(copies)
-    best, opacity = HitBuffer.empty(view.count), np.zeros(view.count)
-    best.uncertainty = np.full(view.count, np.nan)
-    failed, source = np.zeros(view.count, bool), np.full(view.count, -1)
-    for number, (draw_call, hits) in enumerate(drawn):
-        failed |= hits.status == Status.FAILED
-        nearer = (draw_call.style.opacity == opacity) & (hits.depth < best.depth)
-        better = np.flatnonzero((hits.owner != NOBODY) & (nearer | (draw_call.style.opacity > opacity)))
-        opacity[better], source[better] = draw_call.style.opacity, number
-        for name in ("owner", "field", "depth", "status", *(("reference", "normal") if whole else ())):
-            getattr(best, name)[better] = getattr(hits, name)[better]
-        best.uncertainty[better] = np.nan if hits.uncertainty is None else hits.uncertainty[better]
-    for draw_call, hits in drawn:
-        counts = draw_call.style.opacity >= opacity
-        best.status[_may_be_overlooked(hits, best, counts, draw_call.style.opacity > opacity)] = Status.AMBIGUOUS
-        pixel = np.flatnonzero(_beside(hits, best) & counts)
-        around = _uncertain(hits, view, pixel, extent)
-        for other in np.unique(source[pixel]):
-            here = source[pixel] == other
-            around[here] += _uncertain(drawn[other][1], view, pixel[here], extent)
-        close = np.abs(hits.depth[pixel] - best.depth[pixel]) <= around
-        best.status[pixel[close]] = Status.AMBIGUOUS
-    best.status[failed] = Status.FAILED
-    if any(call.copy for call, _ in drawn):
-        best.copies = np.append(numbers, -1)[source]
-    return best
-
-
-def _may_be_overlooked(hits: HitBuffer, best: HitBuffer, counts: Bools, more: Bools) -> Bools:
-    """Flags (n,) whether a hit buffer may have missed a hit that would replace the best hits.
-
-    counts, more  (n,) whether it is at least as opaque as these, and whether it is more opaque
-    """
-    missing = (hits.status == Status.AMBIGUOUS) & (hits.owner == NOBODY)
-    doubt = np.where(missing, 0.0, np.inf) if hits.doubt is None else hits.doubt
-    before = (best.owner == NOBODY) | more | counts & (doubt <= best.depth)
-    return np.asarray(np.isfinite(doubt) & before)
-
-
-def _beside(hits: HitBuffer, best: HitBuffer) -> Bools:
-    """(n,) where a hit buffer's hit may be nearer than the best one; at the same depth the first object's counts."""
-    with np.errstate(invalid="ignore"):
-        apart = np.abs(hits.depth - best.depth)
-    return np.asarray((apart > 0.0) & (apart <= NEAR * best.depth) & (hits.owner != NOBODY))
-
-
-def _uncertain(hits: HitBuffer, view: View, pixel: Ints, extent: float) -> Floats:
-    """Uncertainties (k,) of hits in pixels (k,); for analytic surfaces they follow from their normals.
-
-    If they are infinite, there is also a doubt, which begins before the hit.
-    """
-    depth = hits.depth[pixel]
-    known = np.full(len(pixel), np.nan) if hits.uncertainty is None else hits.uncertainty[pixel]
-    rounded = uncertainties(view, pixel, depth, hits.normal[pixel], extent)
-    return np.where(np.isnan(known), rounded, np.nan_to_num(known, posinf=0.0))
 
 
 def radius_of_lines(scene: Scene, is_far: bool) -> int:

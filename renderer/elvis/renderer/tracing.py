@@ -15,8 +15,9 @@ from elvis.renderer.draw_calls import DrawCall
 from elvis.renderer.hit_buffer import HitBuffer
 from elvis.renderer.passes.lines.lines import Lines
 from elvis.renderer.pixels import NOBODY
-from elvis.renderer.shading import Drawn, Painter
+from elvis.renderer.shading import Painter
 from elvis.renderer.undeformed import GREY
+from elvis.renderer.visible_hits import Drawn
 from elvis.scene import Vector
 from elvis.scene.strokes import Stroke, borders, chain, meet_at_corners
 from elvis.scene.view import View

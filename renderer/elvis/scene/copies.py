@@ -21,7 +21,9 @@ class Repeat(Model, of="a repetition"):
 
     step: Annotated[
         Vector | Literal["x", "y", "z"],
-        Setting("Translation from one copy to the next; x, y or z is the period that the data declare in this direction."),
+        Setting(
+            "Translation from one copy to the next; x, y or z is the period that the data declare in this direction."
+        ),
     ]
     count: Annotated[int, Setting("Number of copies, the data included.", ge=2, le=MOST_COPIES)]
 
@@ -94,8 +96,8 @@ class Copies(Model, of="the copies"):
     def count(self) -> int:
         """Number of copies, the data included."""
         total: int = 2 ** len(self.mirror)
-        for each in (*self.turn, *self.repeat):
-            total *= each.count
+        for count in (each.count for group in (self.turn, self.repeat) for each in group):
+            total *= count
         return total
 
     def with_periods(self, periods: Mapping[str, float]) -> "Copies":

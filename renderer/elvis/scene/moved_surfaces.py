@@ -29,7 +29,9 @@ def moved_back(surface: Surface, isometry: Isometry) -> Surface:
         case Cone():
             return replace(surface, apex=_point(surface.apex, isometry), axis=_way(surface.axis, isometry))
         case TriangleMesh():
-            raise SceneError("copies: cuts and clips by triangles of a file are not drawn in copies: remove one of both")
+            raise SceneError(
+                "copies: cuts and clips by triangles of a file are not drawn in copies: remove one of both"
+            )
         case _:
             return surface
 

@@ -93,14 +93,14 @@ class View:
         points = np.array([camera.eye, camera.at], np.float64)
         eye, at = (_vector(point + 0.0) for point in isometry.points_before(points))
         up = _vector(isometry.directions_before(np.asarray(camera.up, np.float64)) + 0.0)
-        rays = (isometry.directions_before(own) for own in (self.corner, self.column, self.row))
+        corner, column, row = (isometry.directions_before(own) for own in (self.corner, self.column, self.row))
         homogeneous = np.eye(4)
         homogeneous[:3, :3] = isometry.matrix
         homogeneous[:3, 3] = isometry.vector
         part_of = None if self.part_of is None else self.part_of.before(isometry)
         moved = replace(camera, eye=eye, at=at, up=up)
-        own = moved, self.width, self.height, *rays, self.to_pixel @ homogeneous
-        return View(*own, left=self.left, top=self.top, part_of=part_of)
+        rays = corner, column, row, self.to_pixel @ homogeneous
+        return View(moved, self.width, self.height, *rays, left=self.left, top=self.top, part_of=part_of)
 
     @property
     def whole(self) -> View:
