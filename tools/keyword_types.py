@@ -32,6 +32,10 @@ _MODELS = {
     "lights": "Light | str | ArrayLike | Sequence[Light | str]",
     "bar": "ColorBar | str | Mapping[str, Any]",
     "deform": "Deform | str | Mapping[str, Any]",
+    "copies": "Copies | Mapping[str, Any]",
+    "copies_mirror": "Plane | str | Mapping[str, float] | ArrayLike | Sequence[Plane | str]",
+    "copies_turn": "Turn | str | Sequence[Any]",
+    "copies_repeat": "Repeat | str | Sequence[Any]",
     "reader": "str | Mapping[str, Any] | Sequence[str]",
     "others": "str | Mapping[str, Any] | Sequence[str]",
     "outputs": "str | Path | Sequence[str | Path]",
@@ -57,6 +61,7 @@ from typing import Any, Literal, TypedDict
 from numpy.typing import ArrayLike
 
 from elvis.scene.convolution import Lic
+from elvis.scene.copies import Copies, Repeat, Turn
 from elvis.scene.objects import (
     CutSurface,
     Faces,

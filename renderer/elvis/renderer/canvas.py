@@ -36,6 +36,8 @@ from elvis.scene.view import View
 BAND, KEPT = 1 << 21, 1 << 23
 #: the same while copies of data are drawn, each of which has hits of its own: many copies take no more than few
 KEPT_OF_COPIES = 1 << 20
+#: pixels that are drawn at once of many copies, at least
+FEWEST_OF_COPIES = 1 << 12
 #: bytes for each pixel of a picture with and without its record until it is saved, and for each that is drawn at once
 BYTES, BYTES_AT_ONCE = {True: 216, False: 8}, 400
 
@@ -94,6 +96,9 @@ class Canvas:
 
     def __post_init__(self) -> None:
         self.done, self.total, self.undefined, self.still = 0, 0, 0, 0
+        copies = len(self.stages.copied.copies)
+        # each copy has hits of its own
+        self.most = self.most if copies < 2 else max(FEWEST_OF_COPIES, self.most // copies)
         self.painter = Painter(self.scene, self.stages)
         self.draw_calls = self.stages.draw_calls(self.scene)
         self.tracer = Tracer(self.painter, self.draw_calls)

@@ -27,8 +27,3 @@ def persistent(work: Callable[[int], T], reopen: Callable[[], object]) -> T:
             if most < FEWEST:
                 raise DeviceError(f"{error}, even if it draws a few rows of the picture at a time") from error
             reopen()
-
-
-def at_once(most: int, copies: int) -> int:
-    """Pixels that are drawn at once if each of some copies of the data has hits of its own on them."""
-    return most if copies < 2 else max(FEWEST, most // copies)

@@ -41,7 +41,7 @@ from elvis.renderer.frame_notes import note, remarks_on_conversion, remarks_on_d
 from elvis.renderer.ghosts import Ghosts, check_ghosts
 from elvis.renderer.other_data import OtherData
 from elvis.renderer.parts import RankPart
-from elvis.renderer.persistence import at_once, persistent
+from elvis.renderer.persistence import persistent
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.probing import Places
 from elvis.renderer.rank_pictures import RankPicture
@@ -403,7 +403,6 @@ class Renderer:
         """A frame that is drawn with at most ``most`` pixels at once."""
         view = self._view(scene)
         check_time()
-        most = at_once(most, len(self.stages.copied.copies))
         check_memory(view, references, most)
         if isinstance(view, PlaneView) and scene.is_plain and view.count <= 4 * most:
             return self._plane_frame(scene, view, references, rows)

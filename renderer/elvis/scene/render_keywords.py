@@ -12,6 +12,7 @@ from typing import Any, Literal, TypedDict
 from numpy.typing import ArrayLike
 
 from elvis.scene.convolution import Lic
+from elvis.scene.copies import Copies, Repeat, Turn
 from elvis.scene.objects import (
     CutSurface,
     Faces,
@@ -110,6 +111,8 @@ class SharedKeywords(TypedDict, total=False):
     deform: Deform | str | Mapping[str, Any] | None
     """Draw and measure on the deformed geometry x + S d(x). The displacement d is given by its components (fields or
     polynomials of fields, separated by commas) or by the name of a vector field without its suffixes."""
+    copies: Copies | Mapping[str, Any] | None
+    """Copies of the data that are also drawn."""
     complex: str | Sequence[str] | None
     """Complex field in addition to pairs such as E_re and E_im: its name, real and imaginary part, which are fields
     or vectors."""
@@ -152,6 +155,20 @@ class SharedKeywords(TypedDict, total=False):
     """Close the jumps of a height with vertical strips, which are drawn in grey."""
     walls: bool | None
     """Close the jumps of a height with vertical strips, which are drawn in grey."""
+    copies_mirror: Plane | str | Mapping[str, float] | ArrayLike | Sequence[Plane | str] | None
+    """Also draw the mirror image at a plane; vectors and derived quantities have the right signs."""
+    mirror: Plane | str | Mapping[str, float] | ArrayLike | Sequence[Plane | str] | None
+    """Also draw the mirror image at a plane; vectors and derived quantities have the right signs."""
+    copies_turn: Turn | str | Sequence[Any] | None
+    """Draw COUNT copies around an axis (x, y, z or a direction), evenly spaced over a full circle."""
+    turn: Turn | str | Sequence[Any] | None
+    """Draw COUNT copies around an axis (x, y, z or a direction), evenly spaced over a full circle."""
+    copies_repeat: Repeat | str | Sequence[Any] | None
+    """Draw COUNT copies in a row, each translated by a vector, such as 1,0,0:4; x, y or z is the period that the
+    data declare."""
+    repeat: Repeat | str | Sequence[Any] | None
+    """Draw COUNT copies in a row, each translated by a vector, such as 1,0,0:4; x, y or z is the period that the
+    data declare."""
     cut: CutSurface | Surface | str | Sequence[CutSurface | Surface | str] | None
     """Surface that cuts 3D data, such as sphere:0,0,0:0.5 or mesh:FILE (see elvis help geometry)."""
     faces: Faces | str | Sequence[Faces | str] | None
