@@ -90,7 +90,7 @@ def test_extras_named_in_messages_exist(project, project_files):
 def test_commands_work_without_driver_and_home(wheels, tmp_path):
     """A trial in this environment: what is not to be had is said, and all else works."""
     generate = runpy.run_path(str(ROOT / "examples" / "generate.py"))
-    generate["write"](generate["blocks"](), tmp_path / "blocks.xml", tmp_path / "blocks.fld")
+    generate["write_sample"]("blocks", tmp_path)
     generate["eddies"](tmp_path / "eddies0.f00000")
     environ = wheels["isolated"](tmp_path) | wheels["NO_DRIVER"]
     # the CPU target takes long to compile its kernels: a search path without a compiler hides it
