@@ -302,7 +302,7 @@ class _Functions(NodalBasis):
         return np.stack([np.prod(points**exponents, axis=1) for exponents in self._exponents()], axis=1)
 
     def _exponents(self) -> list[Ints]:
-        """Monomials of superlinear degree 2 at most; on prisms the triangle's quadratic ones times linear ones too."""
+        """Monomials of superlinear degree 2 at most; on prisms also the triangle's quadratic ones times linear ones."""
         found = [np.array(e) for e in product(range(3), repeat=self.shape.dimension)]
         if self.shape is not Shape.PRISM:
             return [e for e in found if e[e > 1].sum() <= 2]

@@ -38,7 +38,7 @@ _MOST_TEXTS = 1 << 20
 
 @contextmanager
 def reading(path: Path) -> Iterator[h5py.File]:
-    """The file, open for reading; raises FormatError if it is damaged, inside the block too."""
+    """The file, open for reading; raises FormatError if it is damaged, also inside the block."""
     import h5py
 
     check_plain(path)

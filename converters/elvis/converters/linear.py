@@ -93,7 +93,7 @@ def linear_cells(dataset: Dataset, quantities: str | Sequence[str] | None, refin
 
 
 def _cut(patch: Patch, refinement: int) -> Template:
-    """The cells of a patch's elements, along Fourier directions too."""
+    """The cells of a patch's elements, also along Fourier directions."""
     cut, homogeneous = template(patch.shape, refinement), patch.homogeneous
     ids = () if homogeneous is None else (homogeneous.y_ids, homogeneous.z_ids)[-len(patch.periods) :]
     for own in ids:

@@ -209,7 +209,7 @@ class _Function:
 
 
 def _guard(named: str, read: Callable[[], Any]) -> Any:
-    """What ``read`` returns; raises FormatError with the library's reason where it fails."""
+    """Result of ``read``; raises FormatError with the library's reason if it fails."""
     try:
         return read()
     except RuntimeError as error:

@@ -181,7 +181,7 @@ def deform_options(command: Callable[..., Any]) -> Callable[..., Any]:
 def _deformation(
     displacement: str | None, height: str | None, scale: float | None, gradients: str | None
 ) -> Deformation | None:
-    """What the options say; UsageError where there is no displacement for the others."""
+    """Deformation by the options; UsageError if they lack a displacement."""
     if displacement is not None or height is not None:
         factor = 1.0 if scale is None else scale
         return Deformation(displacement or "", factor, gradients or GRADIENTS[0], height or "")

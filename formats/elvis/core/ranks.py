@@ -144,7 +144,7 @@ class MpiRanks:
     def __init__(self, communicator: Any) -> None:
         self._world = communicator
         self.rank, self.size = communicator.Get_rank(), communicator.Get_size()
-        self._ended: set[int] = set()  # ranks that have said their last word
+        self._ended: set[int] = set()  # ranks that have sent their last message
         self._status: int | None = None  # how the run ended, where that is known
         self._notes: dict[int, list[tuple[str, str]]] = {}  # what other ranks noted, for rank 0
         self._processes: list[tuple[str, int]] = []  # hosts and numbers of processes of other ranks, for rank 0

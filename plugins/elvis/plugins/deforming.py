@@ -155,7 +155,7 @@ def _doubts(components: Sequence[Field]) -> Iterator[str]:
 def _fields(dataset: Dataset, texts: Sequence[str]) -> list[Field]:
     """The components as fields; ElvisError for one that is not a polynomial of fields on every element."""
     if len(texts) not in (1, dataset.mesh.space):
-        # the number is told before what is wrong with one of them
+        # the number is reported before the fault of one of them
         return [Field(text, ()) for text in texts]
     names = free_names([f"displacement_{axis}" for axis in AXES], {field.name for field in dataset.fields})
     named = dict(zip(names, texts, strict=False))

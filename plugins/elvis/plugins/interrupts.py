@@ -59,7 +59,7 @@ class Interrupts:
         signal.setitimer(signal.ITIMER_REAL, _LATER)
 
     def _unraisable(self, lost: sys.UnraisableHookArgs) -> None:
-        """An interrupt that came where nothing can be raised, as in a destructor, comes again; others are told.
+        """An interrupt that came where nothing can be raised, as in a destructor, comes again; others are printed.
 
         After an interrupt they aren't: objects that it left half made complain when they are destroyed.
         """

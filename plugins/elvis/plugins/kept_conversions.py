@@ -84,7 +84,7 @@ class _Result:
 
     @classmethod
     def unpacked(cls, content: bytes) -> _Result:
-        """What was packed."""
+        """The result from its packed bytes."""
         start = _LENGTH + int.from_bytes(content[:_LENGTH], "little")
         head = json.loads(content[_LENGTH:start])
         files = {}

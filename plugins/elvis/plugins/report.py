@@ -29,7 +29,7 @@ class Measure:
 
     order       polynomial degree, of the coordinates or of the field as converted (the highest, where it varies)
     max, l2     largest difference, and root of the integrated squared difference, to the source's own values: at the
-                same reference coordinates, and where the map is projected at the same places in space too
+                same reference coordinates, and for projected maps also at the same positions in space
     range       largest minus smallest value of the field, or the diagonal of the box around the mesh
     magnitude   the largest absolute value
     precision   relative rounding of the source's numbers

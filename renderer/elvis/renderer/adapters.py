@@ -300,7 +300,7 @@ def _quiet() -> Iterator[None]:
         with errors_alone():
             yield
     finally:
-        # what C code has buffered goes nowhere too
+        # also discard the buffers of C code
         c_library().fflush(None)
         for stream, original in zip((1, 2), saved, strict=True):
             os.dup2(original, stream)

@@ -164,7 +164,7 @@ class Device:
         return self._device.create_buffer(element_count=count, struct_size=itemsize, usage=usage, memory_type=kind)
 
     def _create_writeable(self, itemsize: int, count: int) -> slangpy.Buffer:
-        """Memory that the host writes and kernels read, and write too."""
+        """Memory that the host writes, and kernels read and write."""
         import slangpy
 
         kind = slangpy.MemoryType.upload

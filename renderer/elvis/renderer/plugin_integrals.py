@@ -102,7 +102,7 @@ class PluginIntegration:
         return lambda modes: self._on_faces(faces, chosen, modes)
 
     def _inside(self, modes: int) -> Iterator[_Points]:
-        """Of all elements."""
+        """Points of the rule in all elements."""
         for number, part in enumerate(self.volume.parts):
             rule = self.rule(part, modes)
             elements = np.repeat(np.arange(len(part)), len(rule.points))

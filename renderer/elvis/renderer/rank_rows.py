@@ -26,7 +26,7 @@ class RankRows:
     """
 
     ranks: Ranks = ALONE
-    bands: Bands | None = None  # of as many rows each where that isn't said
+    bands: Bands | None = None  # of equally many rows each by default
     _told: list[Any] = field(default_factory=list)
 
     @property

@@ -22,7 +22,7 @@ PROOF_COLORS = {2: (255, 0, 200), 3: (255, 60, 0)}
 
 
 def file_of(frame: Frame, suffix: str) -> bytes:
-    """What `save` writes."""
+    """Contents that `save` writes."""
     with tempfile.TemporaryDirectory(prefix="elvis-") as folder:
         path = Path(folder, f"picture{suffix}")
         frame.save(path, plain=frame.scene.plain)

@@ -14,7 +14,7 @@ from elvis.scene.permissions import PICTURES, check_texts, fault_of
 
 
 class TakenError(ElvisError):
-    """A file of that name is there already, and that it is to go was not said."""
+    """A file of that name exists, and replacing it was not confirmed."""
 
 
 def place_of(name: str, folder: Path, inputs: Iterable[Path], is_confirmed: bool) -> Path:

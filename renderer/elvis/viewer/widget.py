@@ -119,7 +119,7 @@ class NotebookViewer:
 
     @property
     def scene(self) -> Scene:
-        """What is shown; another one can be set."""
+        """The displayed scene; another one can be set."""
         return self._session.current
 
     @scene.setter

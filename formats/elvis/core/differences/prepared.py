@@ -50,7 +50,7 @@ class Side:
 
     @cached_property
     def tree(self) -> BoxTree:
-        """Of ``boxes``."""
+        """Tree of ``boxes``."""
         return BoxTree.build(self.boxes.astype(np.float32))
 
     @cached_property

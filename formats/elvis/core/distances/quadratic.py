@@ -13,7 +13,7 @@ def least(corners: int, bend: Floats, gradient: Floats) -> Floats:
 
     bend (n, 3)      its entries ss, st, tt
     gradient (n, 2)
-    Where the function is not convex, the minimum of all points on the sides.
+    If the function is not convex, the minimum over the sides.
     """
     result, lowest = np.zeros_like(gradient), np.full(len(gradient), np.inf)
     own = CORNERS[corners]

@@ -48,7 +48,7 @@ def write_columns(path: str | Path, columns: Columns) -> None:
 
 
 def _write_npz(file: BinaryIO, columns: Columns) -> None:
-    """What ``numpy.load`` reads; unlike ``numpy.savez``, every name is allowed and equal data give equal bytes."""
+    """An archive for ``numpy.load``; unlike ``numpy.savez``, every name is allowed and equal data give equal bytes."""
     with ZipFile(file, "w") as archive:
         for name, array in columns.items():
             with archive.open(ZipInfo(f"{name}.npy"), "w", force_zip64=True) as member:

@@ -2,7 +2,7 @@
 
 A mode is a product of one-dimensional factors in the collapsed coordinates.  Gradients are taken in the reference
 coordinates xi; the factors 1/(1 - eta) of the chain rule are cancelled before anything is evaluated, so gradients are
-finite and right at collapsed vertices and edges too.  On a pyramid the gradient at the apex depends on the direction:
+finite and right, also at collapsed vertices and edges.  On a pyramid the gradient at the apex depends on the direction:
 the one given belongs to the guarded eta of `collapse`.
 
 With homogeneous directions the points carry one extra coordinate zeta in [-1, 1] for each; z = LZ (1 + zeta)/2.

@@ -69,7 +69,7 @@ class JacobiFactors:
         return np.sqrt(self.rows[:, 5] / 2)
 
     def tables(self, points: Floats) -> Tables:
-        """Values, derivatives and values over c; exact at z = 1 too."""
+        """Values, derivatives and values over c; exact also at z = 1."""
         power = self.rows[:, 0]
         falling = powers_of((1 - points) / 2, power.max(initial=0) + 1)
         g, dg = self._without_falling(points)

@@ -181,7 +181,7 @@ def _minor(t: list[list[Interval]], a: int, b: int, j: int, k: int) -> Interval:
 
 
 def _cofactor(t: list[list[Interval]], axis: int, direction: int) -> Interval:
-    """Of entry [axis][direction]."""
+    """Cofactor of the entry [axis][direction]."""
     if len(t) == 2:
         other = t[1 - axis][1 - direction]
         return other if axis == direction else i.minus(i.number(0.0), other)

@@ -19,7 +19,7 @@ class Elsewhere:
 
     def __init__(self, dataset: Dataset) -> None:
         self._dataset = dataset
-        # derivatives before a deformation are made of the coordinates there, too
+        # derivatives before a deformation also need the coordinates there
         before = () if dataset.deformation is None else dataset.deformation.coordinates
         self._fields = (*(one.name for one in dataset.solution), *before)
         self._patches = patches(dataset, self._fields)
@@ -41,7 +41,7 @@ class Elsewhere:
         return found
 
     def _locate(self, points: Floats) -> Location:
-        """Where points are; several quantities share the points."""
+        """Positions of points, shared by several quantities."""
         if not np.array_equal(points, self._points):
             self._points, self._location = points, self._locator.locate(points)
         return self._location

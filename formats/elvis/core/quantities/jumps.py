@@ -21,7 +21,7 @@ from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.quantities.interface_jumps import raise_across_interfaces
 from elvis.core.shapes import Shape
 
-#: places on a side are whole multiples of 1 in so many
+#: positions on a side are multiples of 1 over this number
 _PLACES = 1 << 20
 #: a side's points: its row among all sides, the row of the element and the values at the points
 _Seen = tuple[Ints, Ints, Floats]

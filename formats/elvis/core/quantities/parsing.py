@@ -250,7 +250,7 @@ class Parser(Grammar[Node]):
         return node
 
     def _guard(self, work: Callable[[], T], first: int | None = None) -> T:
-        """What ``work`` makes; its errors are reported at a token."""
+        """Result of ``work``; its errors are reported at a token."""
         try:
             return work()
         except ElvisError as error:

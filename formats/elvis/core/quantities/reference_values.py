@@ -54,7 +54,7 @@ def reference_in(texts: Iterable[str]) -> dict[str, float]:
 
 
 def over(known: Mapping[str, float], given: Mapping[str, float]) -> dict[str, float]:
-    """Known values outdone by given ones; one viscosity that is given stands for the other one too."""
+    """Known values, replaced by given ones; one given viscosity also replaces the other."""
     viscosities = {"mu", "nu"}
     is_new = bool(viscosities & given.keys())
     return {**{name: value for name, value in known.items() if not (is_new and name in viscosities)}, **given}

@@ -12,7 +12,7 @@ from elvis.core.streamlines.first_roots import bernstein_at
 
 @dataclass(frozen=True)
 class Limits:
-    """Where lines end.
+    """Limits at which lines end.
 
     length, duration  in the world and in time, inf if they don't
     speed             a line that is slower ends

@@ -56,7 +56,7 @@ class PlayedRanks:
 
 
 class _Run:
-    """What they share."""
+    """State that the ranks share."""
 
     def __init__(self, size: int) -> None:
         self.size, self.turn, self._barrier = size, Lock(), Barrier(size)

@@ -40,12 +40,12 @@ class OutputSection:
 
     @property
     def names(self) -> list[str]:
-        """Of the fields."""
+        """Names of the fields."""
         return self.parts[0].names
 
     @property
     def shape(self) -> Shape:
-        """Of the elements."""
+        """Shape of the elements."""
         return self.parts[0].expansion.shape
 
     @property

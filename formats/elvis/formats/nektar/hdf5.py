@@ -287,7 +287,7 @@ class _Stream:
         return self.content.readinto(buffer) or 0
 
     def read(self, size: int = -1) -> bytes:
-        """What comes next."""
+        """Up to ``size`` further bytes."""
         return self.content.read(size) or b""
 
     def seek(self, position: int, start: int = os.SEEK_SET) -> int:

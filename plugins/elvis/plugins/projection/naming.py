@@ -100,7 +100,7 @@ def _own_numbers(boundaries: Sequence[Boundary]) -> dict[int, int]:
 
 
 def _concatenate(rows: Sequence[Ints]) -> Ints:
-    """All rows, none of them too."""
+    """All rows; there may be none."""
     return np.concatenate([np.empty(0, np.int64), *rows])
 
 

@@ -65,7 +65,7 @@ def _join(points: Floats, labels: Ints, cells: Floats, tolerance: float) -> Ints
 def connected_labels(labels: Ints, first: Ints, second: Ints) -> Ints:
     """The smallest label of each connected set, where item ``first[k]`` is connected to ``second[k]``.
 
-    Equal labels count as connected too; a label must be the number of an item that bears it, or of none.
+    Equal labels also count as connected; a label must be the number of an item that bears it, or of none.
     """
     if not len(first):
         return labels

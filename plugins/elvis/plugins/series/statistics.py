@@ -130,7 +130,7 @@ def _between(before: tuple[float, Dataset], after: tuple[float, Dataset]) -> Ite
     length = after[0] - before[0]
     for place in _GAUSS:
         state, lacking = combined([before[1], after[1]], np.array([1 - place, place]))
-        # what one of them lacks, later states lack too
+        # a field missing in one state is also dropped from later ones
         yield length / 2, replace(state, fields=tuple(own for own in state.fields if own.name not in lacking))
 
 

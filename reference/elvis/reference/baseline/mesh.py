@@ -47,7 +47,7 @@ class LinearMesh:
 
     @property
     def bytes(self) -> int:
-        """Of all arrays."""
+        """Bytes of all arrays."""
         own = self.points.nbytes + self.reference.nbytes + self.simplices.nbytes + self.element.nbytes
         return own + sum(values.nbytes for values in self.values.values())
 

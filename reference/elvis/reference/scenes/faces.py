@@ -132,7 +132,7 @@ def _decide(
     number: int, patch: Patch, face: Face, triangles: _Triangles, pixel: Ints, view: View, size: float
 ) -> list[Crossings]:
     """The hits among candidate pairs of a triangle and a pixel: from the middle of each, and where rays may meet the
-    face more than once from its corners too."""
+    face more than once, also from its corners."""
     row, column = np.divmod(pixel, view.width)
     origins, directions = view.rays(column.astype(np.float64), row.astype(np.float64))
     found = []

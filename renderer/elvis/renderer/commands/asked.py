@@ -35,7 +35,7 @@ class Asked:
 
     @property
     def quantities(self) -> tuple[str, ...]:
-        """All that is evaluated; none where that is all fields, or what --clip needs too."""
+        """All quantities to evaluate, including those of --clip; none for all fields."""
         return tuple(self.texts or ()) if self.clip is None else ()
 
     def source(self, data: Data) -> Source:

@@ -20,7 +20,7 @@ _ENDS = ("minimum", "maximum")
 def print_extrema(names: Sequence[str], as_json: bool, without_top_modes: bool, source: NativeSource) -> None:
     """Print minimum and maximum of quantities, with positions and certified bounds.
 
-    without_top_modes  whether to print those of the fields without their highest modes too
+    without_top_modes  whether to also print those of the fields without their highest modes
     """
     from elvis.core.arguments import field_names
     from elvis.core.quantities import Expression

@@ -172,7 +172,7 @@ class _Batch:
 
     @staticmethod
     def concatenate(space: FaceSpace, batches: Iterable[_Batch]) -> _Batch:
-        """Several as one, none of them too."""
+        """Several as one; there may be none."""
         none = _Batch.of(space, np.arange(0), np.empty((5, space.count, 0)))
         every = [none.parts(), *(batch.parts() for batch in batches)]
         return _Batch(*(np.concatenate(arrays, axis=-1) for arrays in zip(*every, strict=True)))
