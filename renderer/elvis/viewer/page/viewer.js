@@ -1123,6 +1123,85 @@ const FIRST = { size: [720, 670], image: [13, 39, 600, 600] };
 const SLACK = 20;
 
 // whether a small picture has an aspect ratio other than an image's, apart from rounding to pixels
+// whether an object is a surface, on which lines can lie
+const isSurface = ({ kind }) => ["cut", "faces", "isosurface"].includes(kind);
+// the outer boundary in one colour, behind other objects
+const WALLS = { kind: "faces", style: { color: [0.7, 0.7, 0.7] } };
+const isWalls = (object) => object.kind === "faces" && !object.names && JSON.stringify(object.style?.color) === JSON.stringify(WALLS.style.color);
+
+// what the buttons of the toolbar switch: whether a scene has it, and the changes that switch it
+class Toggles {
+  constructor(viewer) {
+    this.viewer = viewer;
+    const style = (key, value) => ({ isOn: () => this.surfaces.length > 0 && this.surfaces.every((object) => object.style?.[key]), change: (on) => this.styled({ [key]: on ? value : undefined }) });
+    this.all = {
+      mesh: { title: "Borders of elements on surfaces", ...style("mesh_lines", {}) },
+      contours: { title: "Contour lines on surfaces", ...style("contours", { count: 10 }) },
+      LIC: { title: "Streaks along the velocity on surfaces", ...style("lic", {}) },
+      light: { title: "Shade surfaces with the lights", isOn: () => this.surfaces.every((object) => object.style?.lit !== false), change: (on) => this.styled({ lit: on ? undefined : false }) },
+      log: { title: "Colours by the logarithm", isOn: () => this.table.bar?.scale === "log", change: (on) => ({ bar: on ? { ...this.table.bar, scale: "log" } : this.linearBar }) },
+      axes: { title: "Axes with ticks", isOn: () => Boolean(this.table.axes), change: (on) => ({ axes: on }) },
+      walls: { title: "Outer boundary in grey", is3D: true, isOn: () => (this.table.objects ?? []).some(isWalls), change: (on) => this.walled(on) },
+    };
+    this.buttons = Object.entries(this.all).map(([name, { title }]) => make("button", { type: "button", title, onclick: () => this.toggle(name) }, name));
+    this.root = make("span", { role: "group", ariaLabel: "show", className: "elvis-toggles" }, ...this.buttons);
+  }
+
+  get table() {
+    return this.viewer.table;
+  }
+
+  // all objects, the plane among them; without any, all outer faces
+  get objects() {
+    const { plane, objects = [] } = this.table;
+    const every = plane ? [{ kind: "cut", surface: { kind: "plane", ...plane } }, ...objects] : objects;
+    return every.length ? every : [{ kind: "faces" }];
+  }
+
+  get surfaces() {
+    return this.objects.filter((object) => isSurface(object) && !isWalls(object));
+  }
+
+  get linearBar() {
+    const { scale, ...rest } = this.table.bar ?? {};
+    return Object.keys(rest).length ? rest : null;
+  }
+
+  // changes that give every surface other values of its style; undefined takes one away
+  styled(values) {
+    const objects = this.objects.map((object) => {
+      if (!isSurface(object) || isWalls(object)) return object;
+      const style = { ...object.style, ...values };
+      for (const key of Object.keys(values)) if (values[key] === undefined) delete style[key];
+      return { ...object, style };
+    });
+    return this.listed(objects);
+  }
+
+  walled(on) {
+    const rest = this.objects.filter((object) => !isWalls(object));
+    return this.listed(on ? [...rest, WALLS] : rest);
+  }
+
+  // changes that replace all objects; the plane becomes one of them
+  listed(objects) {
+    return this.table.plane ? { plane: null, objects } : { objects };
+  }
+
+  toggle(name) {
+    const { isOn, change } = this.all[name];
+    this.viewer.change(change(!isOn()));
+  }
+
+  update() {
+    const isPlane = this.viewer.facts?.kind === "plane";
+    Object.values(this.all).forEach(({ isOn, is3D }, i) => {
+      this.buttons[i].ariaPressed = String(isOn());
+      this.buttons[i].hidden = Boolean(is3D && isPlane);
+    });
+  }
+}
+
 function isOtherShape([width, height], image) {
   return Math.abs(Math.log((width * image[3]) / (height * image[2]))) > 1 / Math.min(width, height) + 0.01;
 }
@@ -1189,11 +1268,12 @@ class Viewer {
       this.change({ camera: view });
     };
     const views = Object.entries(VIEWS).map(([text, view]) => button(text, `View ${view}: ${SENSES[view]}`, () => turnTo(view)));
+    this.toggles = new Toggles(this);
     this.turning = [...views, this.perspectiveButton, this.freeButton];
     const menu = button("≡", "Objects and colours", () => this.root.classList.toggle("elvis-open"));
     menu.className = "elvis-menu";
     return make("div", { className: "elvis-tools" }, menu, button("fit", "Fit the whole scene in this direction (f)", () => this.fit()), ...this.turning,
-      this.lineButton, this.proofButton, this.linear.choice, this.undoButton, this.redoButton, this.saving, this.timeBar.root);
+      this.toggles.root, this.lineButton, this.proofButton, this.linear.choice, this.undoButton, this.redoButton, this.saving, this.timeBar.root);
   }
 
   // ---- messages
@@ -1221,6 +1301,7 @@ class Viewer {
     this.undoButton.disabled = !undo;
     this.redoButton.disabled = !redo;
     this.proofButton.ariaPressed = String(proof);
+    this.toggles.update();
     this.follow(start);
     this.controls();
     this.timeBar.update();

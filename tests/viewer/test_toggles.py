@@ -1,0 +1,60 @@
+"""Buttons of the toolbar switch the usual parts of a picture, and show whether it has them."""
+
+import pytest
+from driving import change, settled
+
+from elvis.scene.tables import scene_of
+
+
+def button(page, name):
+    """A button of the group, by its name."""
+    return page.get_by_role("group", name="show", exact=True).get_by_role("button", name=name, exact=True)
+
+
+def pressed(page, viewer, name):
+    """Press a button, and the scene at rest after it."""
+    button(page, name).click()
+    settled(page, viewer)
+    assert page.locator(".elvis-error").is_hidden(), page.inner_text(".elvis-error")
+    return scene_of(viewer.session.table)
+
+
+def without_size(viewer):
+    """The scene's table, except the size, which follows the window."""
+    return {key: value for key, value in viewer.session.table.items() if key != "size"}
+
+
+@pytest.mark.parametrize("name", ["mesh", "contours"])
+def test_lines_on_all_surfaces(page, viewer, name):
+    key = {"mesh": "mesh_lines", "contours": "contours"}[name]
+    settled(page, viewer)
+    before = without_size(viewer)
+    for is_on in (True, False):
+        scene = pressed(page, viewer, name)
+        assert [getattr(each.style, key) is not None for each in scene.objects] == [is_on]
+        assert button(page, name).get_attribute("aria-pressed") == str(is_on).lower()
+    page.get_by_title("Undo (Ctrl+Z)").click()
+    page.get_by_title("Undo (Ctrl+Z)").click()
+    settled(page, viewer)
+    assert without_size(viewer) == before
+
+
+def test_lights_axes_and_walls(page, viewer):
+    settled(page, viewer)
+    assert [each.style.lit for each in pressed(page, viewer, "light").objects] == [False]
+    assert pressed(page, viewer, "axes").axes
+    scene = pressed(page, viewer, "walls")
+    assert scene.objects[-1].kind == "faces"
+    assert scene.objects[-1].style.color == (0.7, 0.7, 0.7)
+    assert scene.objects[-1].style.lit is not False
+    assert len(pressed(page, viewer, "walls").objects) == 1
+    assert [each.style.lit for each in pressed(page, viewer, "light").objects] == [None]
+    assert not pressed(page, viewer, "axes").axes
+
+
+def test_the_logarithm_needs_positive_values(page, viewer):
+    settled(page, viewer)
+    change(page, {"field": "2 + u"})
+    settled(page, viewer)
+    assert pressed(page, viewer, "log").bar.scale == "log"
+    assert pressed(page, viewer, "log").bar is None
