@@ -248,7 +248,7 @@ def test_invalid_distances_are_rejected(text, sentence):
     assert sentence in str(found.value)
 
 
-@pytest.mark.parametrize("content", ["", "solid\nendsolid\n", "nothing of the kind", "solid x\n facet normal"])
+@pytest.mark.parametrize("content", ["", "solid\nendsolid\n", "another type", "solid x\n facet normal"])
 def test_files_without_triangles_give_a_one_line_error(tmp_path, content):
     file = tmp_path / "broken.stl"
     file.write_text(content)

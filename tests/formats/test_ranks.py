@@ -367,7 +367,7 @@ raise SystemExit(ranks.end(status, reason))
             "part ",
         ),
     ],
-    ids=["none", "before", "while messages are made", "after messages that nobody takes"],
+    ids=["none", "before", "while messages are made", "after unread messages"],
 )
 def test_each_rank_receives_the_data_of_the_others(started, tmp_path, fault, told):
     ranks = started.processes(tmp_path, (3, sys.executable, "-c", SENDS.format(fault=fault)))
@@ -409,7 +409,7 @@ raise SystemExit(ranks.end({status}, {reason}))
 """
 
 
-@pytest.mark.parametrize("is_late", [False, True], ids=["at the first rank", "at another one that comes too late"])
+@pytest.mark.parametrize("is_late", [False, True], ids=["at the first rank", "at a late rank"])
 def test_notes_of_other_ranks_are_printed_once_and_any_failure_counts(started, tmp_path, is_late):
     status, reason = ("0", "'none' if ranks.rank == 1 else ''") if is_late else ("2", "''")
     ranks = started.processes(tmp_path, (3, sys.executable, "-c", NOTES.format(status=status, reason=reason)))

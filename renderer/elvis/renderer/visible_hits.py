@@ -22,9 +22,9 @@ Drawn: TypeAlias = list[tuple[DrawCall, HitBuffer]]
 def record_of(drawn: Drawn, view: View, extent: float, *, whole: bool = True) -> HitBuffer:
     """The surface that counts at each pixel: of the most opaque ones the nearest; failed searches anywhere show.
 
-    extent  the greatest coordinate of the data, in magnitude
-    whole   whether reference coordinates, normals and uncertainties are wanted too
-    What another one may have overlooked, or has so near that either may be the nearer one, makes pixels ambiguous.
+    extent  the largest coordinate of the data, in magnitude
+    whole   whether to include reference coordinates, normals and uncertainties
+    Pixels are ambiguous if another surface may be nearer or may have been overlooked.
     The undeformed geometry does not count.
     """
     drawn = [(call, call.in_world(hits)) for call, hits in drawn if call.ghost is None]

@@ -99,7 +99,7 @@ def parts(size, *paths, is_kept=True):
     return found, Cubes.made - before
 
 
-@pytest.mark.parametrize("is_kept", [True, False], ids=["kept", "not kept"])
+@pytest.mark.parametrize("is_kept", [True, False], ids=["cached", "not cached"])
 def test_one_rank_converts_and_all_read_their_part(home, case, is_kept):
     path = case(slope=3, cubes=7)
     found, count = parts(3, path, is_kept=is_kept)
@@ -138,7 +138,7 @@ def test_cached_conversions_equal_the_output_of_convert(home, case, tmp_path):
         )
 
 
-@pytest.mark.parametrize("change", ["content", "option", "converter", "name", "file beside", "code", "not to be kept"])
+@pytest.mark.parametrize("change", ["content", "option", "converter", "name", "further file", "code", "not cached"])
 def test_changed_files_are_converted_again(home, case, tmp_path, monkeypatch, change):
     path, keywords, converter, is_kept = case(slope=3, others=["b.json"]), {}, Cubes, True
     (tmp_path / "b.json").write_text("2")
@@ -151,7 +151,7 @@ def test_changed_files_are_converted_again(home, case, tmp_path, monkeypatch, ch
         converter = Secretive
     elif change == "name":
         path = path.rename(tmp_path / "c.json")
-    elif change == "file beside":
+    elif change == "further file":
         (tmp_path / "b.json").write_text("7")
     elif change == "code":
         monkeypatch.setattr(kept_conversions, "_code", lambda name: f"{name}, newer")
@@ -159,7 +159,7 @@ def test_changed_files_are_converted_again(home, case, tmp_path, monkeypatch, ch
         is_kept = False
     after, _, made = asked(path, converter=converter, is_kept=is_kept, **keywords)
     assert made == 1
-    assert (after != before) == (change in ("content", "option", "file beside"))
+    assert (after != before) == (change in ("content", "option", "further file"))
 
 
 def test_neighbouring_files_are_those_of_the_same_folder(home, case, tmp_path):
