@@ -70,6 +70,18 @@ def test_chords_of_curved_elements(integrate, shape):
     assert not light.lost.any()
 
 
+@pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.HEXAHEDRON])
+def test_rays_through_vertices_of_curved_elements(integrate, shape):
+    """Elements that a ray only touches at a vertex have one hit, an entry or an exit, and no chord."""
+    data = with_field(curved(grid(shape, 2), layered, 3), lambda p: p[:, 0], 4)
+    vertex = layered(np.full((1, 3), 0.5))[0]
+    for away in ((2.1, -2.4, 1.6), (-1.3, 2.2, 2.9), (0.7, 2.6, -2.2), (2.8, 0.4, 0.9)):
+        view = View.through(Camera(tuple(vertex + away), tuple(vertex)), (1, 1))
+        light = integrate(data, view, EVEN)
+        assert np.abs(light.length - chord(view)).max() < 1e-9
+        assert not light.lost.any()
+
+
 def layered(points):
     """Layers over z = 0 that swell and slide where they are not on the cube's border, which stays."""
     x, y, z = points.T

@@ -33,6 +33,8 @@ LANES = TILE * TILE
 #: error that must be proved for the diagonal of all elements, relative to the tolerance, which is a quarter of the
 #: requested error
 _PROVED = 1.0
+#: likely number of segments of a ray in a curved element; longer lists are made once more
+_SEGMENTS_OF_AN_ELEMENT = 6
 #: part of the requested error that a part of a ray may have which holds a kink or a jump
 _OF_A_KINK = 2.0**-10
 
@@ -347,10 +349,11 @@ class _March:
         wanted["proof"] = own * _PROVED * length / float(np.linalg.norm(np.ptp(self.loaded.box, axis=0)))
         wanted["most"] = own * 4.0 / self.error * length * densest
         wanted["quota"] = _OF_A_KINK * own * length
-        # as many segments as there are elements in a tile
+        # the elements in a tile have some segments each
         fresh = np.append(True, np.diff(patches["element"][order].astype(np.int64)) != 0)[: len(order)]
         fresh[tiles["first"]] = True
         counts = np.add.reduceat(fresh.astype(np.int64), tiles["first"]) if len(tiles) else np.zeros(0, np.int64)
+        counts *= _SEGMENTS_OF_AN_ELEMENT
         proof = self.renderer.bends.buffers(number, self.quantities[quantity_index], self.degree)
         buffers = {"order": order, "patches": patches, "view": view, "wanted": wanted}
         return _VisibleElements(number, quantity_index, kernel, tiles, counts, buffers, proof)
