@@ -1,5 +1,8 @@
 """Buttons of the toolbar switch the usual parts of a picture, and show whether it has them."""
 
+import os
+import signal
+
 import pytest
 from driving import change, settled
 
@@ -58,3 +61,17 @@ def test_the_logarithm_needs_positive_values(page, viewer):
     settled(page, viewer)
     assert pressed(page, viewer, "log").bar.scale == "log"
     assert pressed(page, viewer, "log").bar is None
+
+
+def test_long_drawing_is_announced(page, viewer):
+    settled(page, viewer)
+    assert page.get_by_label("activity").is_hidden()
+    # the drawing process is paused
+    os.kill(viewer.session._drawer.pid, signal.SIGSTOP)
+    try:
+        button(page, "axes").click()
+        page.get_by_text("drawing… 1 s").wait_for()
+    finally:
+        os.kill(viewer.session._drawer.pid, signal.SIGCONT)
+    settled(page, viewer)
+    assert page.get_by_label("activity").is_hidden()

@@ -1123,6 +1123,9 @@ const FIRST = { size: [720, 670], image: [13, 39, 600, 600] };
 const SLACK = 20;
 
 // whether a small picture has an aspect ratio other than an image's, apart from rounding to pixels
+// seconds of drawing after which the reason is shown
+const MANY_SECONDS = 3;
+
 // whether an object is a surface, on which lines can lie
 const isSurface = ({ kind }) => ["cut", "faces", "isosurface"].includes(kind);
 // the outer boundary in one colour, behind other objects
@@ -1241,10 +1244,12 @@ class Viewer {
     this.values = make("output", { "aria-label": "values under the pointer" });
     this.copyAll = make("button", { type: "button", hidden: true, title: "Copy the value, position and element with all digits", onclick: () => this.copyPicked() }, "copy all");
     this.counts = make("span", {});
-    this.root = make("div", { className: "elvis" }, this.tools(), this.stage, this.panel, make("div", { className: "elvis-status" }, this.counts, this.copyAll, this.values));
+    this.busy = make("span", { className: "elvis-busy", hidden: true, ariaLabel: "activity" });
+    this.root = make("div", { className: "elvis" }, this.tools(), this.stage, this.panel, make("div", { className: "elvis-status" }, this.busy, this.counts, this.copyAll, this.values));
     this.dialog = make("dialog", {});
     this.root.append(this.dialog);
     el.append(this.root);
+    this.waitFor();
     this.listen();
     new ResizeObserver(() => this.sized()).observe(this.stage);
     // another window may have resized the picture
@@ -1302,6 +1307,7 @@ class Viewer {
     this.redoButton.disabled = !redo;
     this.proofButton.ariaPressed = String(proof);
     this.toggles.update();
+    if (this.root.dataset.final !== String(revision)) this.waitFor();
     this.follow(start);
     this.controls();
     this.timeBar.update();
@@ -1333,6 +1339,7 @@ class Viewer {
       this.waiting.delete(id);
       return;
     }
+    this.arrived();
     // a rejected change has not moved the camera
     if (!this.dragged && !this.rolling) this.camera = null;
     this.error.textContent = text;
@@ -1422,7 +1429,25 @@ class Viewer {
     context.fillText(text, left, top / 2);
   }
 
+  // tell what takes long until the picture at rest has come, or an error
+  waitFor() {
+    const begin = performance.now();
+    clearInterval(this.watching);
+    this.watching = setInterval(() => {
+      const seconds = Math.floor((performance.now() - begin) / 1000);
+      const compiles = this.facts && seconds >= MANY_SECONDS ? "; the first picture of each kind compiles kernels, once" : "";
+      this.busy.textContent = `${this.facts ? "drawing" : "reading the data"}… ${seconds} s${compiles}`;
+      this.busy.hidden = seconds < 1;
+    }, 250);
+  }
+
+  arrived() {
+    clearInterval(this.watching);
+    this.busy.hidden = true;
+  }
+
   told({ counts, remarks }) {
+    this.arrived();
     const shown = ["certain", "ambiguous", "failed"].filter((name) => counts[name] || name === "certain");
     this.counts.textContent = `pixels: ${shown.map((name) => `${counts[name].toLocaleString("en")} ${name}`).join(", ")}`;
     this.counts.title = remarks.join("\n");
