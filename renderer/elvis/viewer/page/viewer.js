@@ -1220,7 +1220,7 @@ function imageWithin(own, page) {
 
 class Viewer {
   constructor(model, el) {
-    Object.assign(this, { model, table: {}, facts: null, picture: null, hidden: [], histograms: new Map(), waiting: new Map(), resting: [], mode: "turn", line: [] });
+    Object.assign(this, { model, table: {}, facts: null, picture: null, hidden: [], histograms: new Map(), waiting: new Map(), resting: [], mode: "turn", line: [], fingers: new Map() });
     this.build(el);
     model.on((message, buffer) => this.receive(message, buffer));
     model.open();
@@ -1604,7 +1604,7 @@ class Viewer {
     canvas.addEventListener("pointercancel", (e) => this.release(e));
     canvas.addEventListener("dblclick", (e) => this.recentre(e));
     // grips lie over the picture: what is under them can be picked and zoomed too
-    stage.addEventListener("pointermove", (e) => (this.dragged ? this.drag(e) : this.point(e)));
+    stage.addEventListener("pointermove", (e) => (this.fingers.has(e.pointerId) ? this.finger(e) : this.dragged ? this.drag(e) : this.point(e)));
     stage.addEventListener("pointerleave", () => this.point(null));
     stage.addEventListener("wheel", (e) => this.wheel(e), { passive: false });
     stage.addEventListener("contextmenu", (e) => e.preventDefault());
@@ -1614,6 +1614,12 @@ class Viewer {
   press(event) {
     this.stage.focus();
     this.canvas.setPointerCapture(event.pointerId);
+    if (event.pointerType === "touch") this.fingers.set(event.pointerId, event);
+    if (this.fingers.size > 1) {
+      this.dragged = null;
+      this.pinch = this.pinched();
+      return;
+    }
     this.dragged = { x: event.clientX, y: event.clientY, way: 0, isPan: event.button > 0 || event.shiftKey || this.facts?.kind === "plane" };
   }
 
@@ -1629,7 +1635,35 @@ class Viewer {
     if (this.dragged.isPan) this.middle = null;
   }
 
+  // one finger drags; two move and zoom
+  finger(event) {
+    this.fingers.set(event.pointerId, event);
+    if (!this.pinch) return this.dragged && this.drag(event);
+    if (this.fingers.size < 2 || !this.picture) return;
+    const last = this.pinch, now = this.pinch = this.pinched(), ratio = this.density;
+    const [x, y] = this.place({ clientX: now.x, clientY: now.y }), [, , width, height] = this.picture.image;
+    this.middle = null;
+    this.look((camera) => {
+      const moved = pan(camera, (now.x - last.x) * ratio, (now.y - last.y) * ratio, this.pixels());
+      return zoom(moved, last.gap / now.gap, x - width / 2, y - height / 2, height);
+    }, true);
+  }
+
+  // the middle of two fingers, and the distance between them
+  pinched() {
+    const [first, second] = this.fingers.values();
+    return { x: (first.clientX + second.clientX) / 2, y: (first.clientY + second.clientY) / 2, gap: Math.max(1, Math.hypot(first.clientX - second.clientX, first.clientY - second.clientY)) };
+  }
+
   release(event) {
+    this.fingers.delete(event.pointerId);
+    if (this.pinch) {
+      // the finger that stays does nothing until it is lifted
+      if (this.fingers.size) return;
+      this.pinch = null;
+      this.look((camera) => camera);
+      return;
+    }
     const drag = this.dragged;
     this.dragged = null;
     if (!drag) return;
