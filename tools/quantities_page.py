@@ -16,8 +16,8 @@ These names stand for expressions. You can use them wherever ElVis expects a
 [quantity](expressions.md): `--field lambda2`, `--isosurface "swirl=2"`,
 `--field "wall_shear(mu=1e-3)"`, in scenes and in Python. ElVis replaces each name by the formula on
 this page and evaluates it like any other expression, from the solver's own polynomials.
-`elvis info DATA --quantities` lists the quantities of a file, and for the others what the file
-lacks. A field takes precedence over a quantity of the same name.
+`elvis info DATA --quantities` lists the quantities of a file, and what is missing for the
+others. A field takes precedence over a quantity of the same name.
 """
 FIELDS = """
 ## Fields
