@@ -159,10 +159,14 @@ class HostVelocity(Velocity):
 
     def _at(self, number: int, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
         """World velocity (n, 3) and Jacobians (n, 3, D) on elements of one patch."""
+        return self._vectors(number, rows, points), self._host(number).derivatives(rows, points)[0]
+
+    def _vectors(self, number: int, rows: Ints, points: Floats) -> Floats:
+        """(n, 3) world velocity on elements of one patch."""
         velocity = np.zeros((len(rows), 3))
         for axis, value in enumerate(self.together(self.expressions, number, rows, points)):
             velocity[:, axis] = value
-        return velocity, self._host(number).derivatives(rows, points)[0]
+        return velocity
 
     def _host(self, number: int) -> HostEvaluation:
         """The elements of a patch, with one of the fields."""

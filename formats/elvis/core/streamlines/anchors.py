@@ -55,7 +55,7 @@ def anchors(data: FlowSource, points: Any, vector: Sequence[str] | None = None, 
     found = locator.locate(asked)
     inside = np.flatnonzero(found.patch >= 0)
     patch, row, own = found.patch[inside], found.row[inside], found.reference[inside]
-    vectors = velocity.motion(patch, row, own).velocity
+    vectors = velocity.vectors(patch, row, own)
     size = np.linalg.norm(vectors, axis=1)
     known = np.isfinite(size)
     moving = known & (size > REST * size[known].max(initial=0.0))

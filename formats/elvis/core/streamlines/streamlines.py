@@ -221,7 +221,7 @@ class Along:
             points.time,
             points.state[:, -1],
             ids[starts[patch] + row],
-            moving.motion(patch, row, reference).velocity,
+            moving.vectors(patch, row, reference),
             {each.text: moving.values(each, patch, row, reference) for each in others},
         )
 

@@ -110,11 +110,21 @@ class Velocity:
             found.velocity[here], found.reference[here], found.jacobians[here] = velocity, reference, jacobians
         return found
 
+    def vectors(self, patch: Ints, row: Ints, points: Floats) -> Floats:
+        """(n, 3) the velocity in the world at reference points (n, D) of elements: patches (n,) and rows (n,)."""
+        if points.shape[1] - self.clocks < 3:
+            return self.motion(patch, row, points).velocity
+        found = np.zeros((len(points), 3))
+        for number in np.unique(patch):
+            here = np.flatnonzero(patch == number)
+            found[here] = self._vectors(int(number), row[here], points[here])
+        return found
+
     def in_world(self, element: Ints, reference: Floats) -> Floats:
         """(n, 3) the velocity in elements with these ids (n,) at their reference points (n, 3)."""
         found = np.full((len(element), 3), np.nan)
         for here, patch, rows, own in self._places_of(element, reference):
-            found[here] = self.motion(patch, rows, own).velocity
+            found[here] = self.vectors(patch, rows, own)
         return found
 
     def at(self, expression: Expression, element: Ints, reference: Floats) -> Floats:
@@ -168,27 +178,43 @@ class Velocity:
 
     def _at(self, number: int, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
         """World velocity (n, 3) and Jacobians (n, 3, D) on elements of one patch."""
-        patch, fields = self.patches[number], self._fields[number]
-        constant = self._constant[number]
-        velocity = np.zeros((len(rows), 3))
-        if fields is None:
+        patch, constant = self.patches[number], self._constant[number]
+        if self._fields[number] is None:
+            # the components may need the Jacobians too
             places = self.places(number, rows, points)
-            for axis, value in enumerate(self.evaluator.values_at(self.expressions, places)):
-                velocity[:, axis] = value
-            return velocity, places.jacobians
-
-        # components that share an expansion share its table
-        expansion = patch.fields[fields[0]]
-        assert expansion is not None
-        own = points[:, : dimension(expansion)]
-        for first in range(0, len(rows), _AT_ONCE):
-            some = slice(first, first + _AT_ONCE)
-            nets = [self._coefficients(number, field, rows[some], points[some]) for field in fields]
-            coefficients = np.stack(nets, axis=1)
-            velocity[some, : len(fields)] = evaluate_at(expansion, coefficients, np.arange(len(nets[0])), own[some])
+            return self._evaluated(places), places.jacobians
+        velocity = self._vectors(number, rows, points)
         if constant is None:
             return velocity, pointwise.jacobians(patch, rows, points[:, : patch.dimension])
         return velocity, patch.geometry_coefficients[rows] @ constant
+
+    def _evaluated(self, places: ElementPoints) -> Floats:
+        """(n, 3) the components at places."""
+        velocity = np.zeros((len(places.rows), 3))
+        for axis, value in enumerate(self.evaluator.values_at(self.expressions, places)):
+            velocity[:, axis] = value
+        return velocity
+
+    def _vectors(self, number: int, rows: Ints, points: Floats) -> Floats:
+        """(n, 3) world velocity on elements of one patch."""
+        fields = self._fields[number]
+        if fields is None:
+            return self._evaluated(self.places(number, rows, points))
+
+        # components that share an expansion share its table
+        expansion = self.patches[number].fields[fields[0]]
+        assert expansion is not None
+        velocity = np.zeros((len(rows), 3))
+        own = points[:, : dimension(expansion)]
+        for first in range(0, len(rows), _AT_ONCE):
+            some = slice(first, first + _AT_ONCE)
+            # points along lines share elements, unless each has a time of its own
+            elements, which = rows[some], np.arange(len(own[some]))
+            if not self.clocks:
+                elements, which = np.unique(elements, return_inverse=True)
+            nets = [self._coefficients(number, field, elements, points[some]) for field in fields]
+            velocity[some, : len(fields)] = evaluate_at(expansion, np.stack(nets, axis=1), which, own[some])
+        return velocity
 
     def _coefficients(self, number: int, field: int, rows: Ints, points: Floats) -> Floats:
         """(n, m) coefficients of a field in elements (n,) of a patch, for points (n, D)."""
