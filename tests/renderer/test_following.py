@@ -97,6 +97,25 @@ def check_same_but_outside(lines, truth):
         assert np.abs(lines[line][-1] - truth[line][-1]).max() < 1e-11
 
 
+def test_lines_on_elements_of_high_order_are_followed_with_models(follow, monkeypatch):
+    halves = []
+    take = following.DeviceTracer._take
+
+    def watched(self, stage, lines, found):
+        halves.append(found["half"].max())
+        take(self, stage, lines, found)
+
+    monkeypatch.setattr(following.DeviceTracer, "_take", watched)
+    dataset = rotating(curved(grid(Shape.HEXAHEDRON, 2), ripple(0.05), 6), 6)
+    seeds, settings = [[0.75, 0.5, 0.45], [0.5, 0.15, 0.45]], {"duration": 9.0}
+    lines, taken = follow(dataset, seeds, **settings)
+    check_same(lines, trace(dataset, seeds, **settings))
+    assert taken > 20
+    assert max(halves) > 0
+    turn = lines[0][-1, :2] - 0.5
+    assert np.abs(turn - 0.25 * np.array([np.cos(9.0), np.sin(9.0)])).max() < 1e-10
+
+
 def test_without_a_device_the_host_follows(monkeypatch):
     monkeypatch.setattr(following, "FEW", 1)
     dataset = rotating(grid(Shape.TRIANGLE, 1), 3)

@@ -35,7 +35,7 @@ from elvis.renderer.pixels import NOBODY
 #: lines below which the host is sooner done than a device is opened and its kernel compiled
 FEW = 128
 #: steps that the host takes of few lines before a device goes on
-LONG = 400
+LONG = 100
 #: steps per dispatch, shared by lines; minimum and maximum steps per line
 _ROOM, _LEAST, _MOST = 1 << 16, 8, 128
 #: stands for an element of another part, as in trace_follow.slang
@@ -131,6 +131,13 @@ class DeviceTracer(Tracer):
         self._starts = np.cumsum([0, *map(len, velocity.patches)])
         self._dimension = velocity.patches[0].dimension
 
+    def place(self, patch: Ints, row: Ints, reference: Floats) -> None:
+        """Begin lines, as `Tracer.place`."""
+        super().place(patch, row, reference)
+        # the box of each line's model: middle, half width, half width of the next one; and its element
+        self._boxes = np.zeros((len(patch), 5))
+        self._boxed = np.full(len(patch), -1)
+
     def run(self) -> Iterator[Piece]:
         """The steps of all lines until each has ended, many lines at a time: few lines are the host's, if not long."""
         many = np.count_nonzero(self.end == End.GOING) >= FEW
@@ -201,6 +208,8 @@ class DeviceTracer(Tracer):
         record["state"][:, 3] = state[:, -1]
         record["time"], record["element"] = self.time[lines], self._elements(stage, lines)
         record["width"] = np.where(np.isfinite(width), width, 1e300)
+        record["middle"], record["room"] = self._boxes[lines, :3], self._boxes[lines, 4]
+        record["half"] = np.where(self._boxed[lines] == record["element"], self._boxes[lines, 3], 0.0)
         # the last step that is allowed is the host's
         record["most"] = np.clip(self.limits.steps - self._steps[lines] - 1, 0, most)
         return record
@@ -214,6 +223,8 @@ class DeviceTracer(Tracer):
         self._slope[lines] = self._states(found["rate"])
         columns = np.stack([found[name] for name in ("dx", "dy", "dz")], axis=2)
         self._jacobians[lines] = columns[:, :, : self._dimension]
+        self._boxes[lines] = np.column_stack([found[name] for name in ("middle", "half", "room")])
+        self._boxed[lines] = found["element"]
         self.time[lines], self._width[lines] = found["time"], found["width"]
         self._steps[lines] += found["count"]
         self._turns[lines] = 0
