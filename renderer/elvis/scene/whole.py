@@ -272,8 +272,8 @@ class Scene(Model):
     range: Annotated[
         tuple[float, float] | Literal["visible", "all", "series"] | None,
         Setting(
-            "Ends of the colour map: two values, visible (range in the picture), all (certified bounds of the field), "
-            "or series (range over all steps).",
+            "Ends of the colour map: two values, visible (in the picture), all (certified bounds) or series (over all "
+            "steps).",
             option="--range",
             metavar="LOW:HIGH|visible|all|series",
             parse="color_range",
