@@ -329,7 +329,7 @@ class Controls {
     if (inner.type === "string" && !inner.enum) return this.text(key, value ?? "", set, id);
     const box = make("input", { id, type: "checkbox", checked: isSet, "aria-label": words(key),
       onchange: (e) => set(e.target.checked ? this.start(own, key) : undefined) });
-    if (!isSet) return make("label", { className: "elvis-several elvis-own" }, box, "own value");
+    if (!isSet) return make("label", { className: "elvis-several elvis-own" }, box, "set");
     const control = this.control(key, inner, value, set, `${id}-own`);
     return control.tagName === "DETAILS" ? this.fold(key, "", [make("label", {}, box, ` ${words(key)}`), ...control.lastChild.childNodes], true)
       : make("div", { className: "elvis-several" }, box, control);
