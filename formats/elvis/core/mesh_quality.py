@@ -80,9 +80,19 @@ class MeshQuality:
 
 
 def mesh_quality(dataset: Dataset) -> MeshQuality:
-    """The quality of all elements of the domain; the time step if the data have a velocity.
+    """The quality of all elements of the domain, as ``elvis info --quality`` prints it.
 
-    Raises ElvisError without elements.
+    Returns
+    -------
+    MeshQuality
+        Measures of each element; the time step only if the data have a velocity.
+
+    Raises
+    ------
+    ElvisError
+        Without elements in the domain.
+
+    >>> elvis.mesh_quality(ds).measures["quality"].min()  # doctest: +SKIP
     """
     velocity = _velocity(dataset)
     evaluator = Evaluator(dataset, velocity)

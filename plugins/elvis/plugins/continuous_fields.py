@@ -25,6 +25,29 @@ class ContinuousFields:
     measures: tuple[Measure, ...]
 
 
+def continuous(dataset: Dataset) -> Dataset:
+    """The dataset with continuous fields, as ``elvis convert --continuous`` makes them (see `continuous_fields`).
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Data without Fourier directions, on a conforming mesh.
+
+    Returns
+    -------
+    Dataset
+        The same mesh; each field is the L2 projection onto continuous ones of its highest order.
+
+    Raises
+    ------
+    ElvisError
+        With Fourier directions, for values that are not finite, and on non-conforming meshes.
+
+    >>> smooth = elvis.continuous(ds)  # doctest: +SKIP
+    """
+    return continuous_fields(dataset).dataset
+
+
 def continuous_fields(dataset: Dataset) -> ContinuousFields:
     """The dataset with each field of the solution replaced by its continuous L2 projection, of its highest order.
 

@@ -10,6 +10,7 @@ It is a polynomial in the reference coordinates of the plane map p if f is one i
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -27,12 +28,41 @@ from elvis.core.shapes import Shape
 from elvis.plugins.conversion import Boundary, Converter, Elements, SourceField
 from elvis.plugins.converting import Conversion, Settings, convert
 from elvis.plugins.extruded_columns import TOLERANCE, Columns, Stack, columns_of, inner_points, layers_of
+from elvis.plugins.fourier_planes import fourier_mean
 from elvis.plugins.report import CONVERTED, REPORT
 
 #: numbers of values at points that are held together
 _BATCH = 1 << 22
 #: deviation of heights of columns, relative to the height of the mesh, that counts as rounding
 _ROUNDING = 1e-6
+
+
+def mean_along(dataset: Dataset, axis: str) -> Dataset:
+    """The exact mean of all fields along an axis, on a plane mesh, as ``elvis average --direction`` writes it.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Data with one Fourier direction, or hexahedra and prisms that are extruded along the axis.
+    axis : str
+        ``x``, ``y`` or ``z``.
+
+    Returns
+    -------
+    Dataset
+        Plane data; remarks state the error of a 3D mesh's projection, which is rounding for polynomials.
+
+    Raises
+    ------
+    ElvisError
+        If the data have no Fourier direction along the axis, or the mesh is not extruded along it.
+
+    >>> mean = elvis.mean_along(ds, "z")  # doctest: +SKIP
+    """
+    if dataset.mesh.dimension < 3:
+        return fourier_mean(dataset, axis)
+    conversion = extruded_mean(dataset, axis)
+    return replace(conversion.dataset, remarks=tuple(conversion.report.remarks()))
 
 
 def extruded_mean(dataset: Dataset, axis: str) -> Conversion:

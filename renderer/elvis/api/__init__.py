@@ -26,9 +26,11 @@ if TYPE_CHECKING:
     from elvis.core.gridding import to_xarray
     from elvis.core.integrals import integrate
     from elvis.core.mesh import Composite, Curves, Entities, Mesh
+    from elvis.core.mesh_quality import MeshQuality, mesh_quality
     from elvis.core.norms import norms
     from elvis.core.polynomials.bases import Basis
     from elvis.core.queries import points_on_line, points_on_plane
+    from elvis.core.resolution.stream_functions import with_stream_function
     from elvis.core.sampling import Samples, line, sample
     from elvis.core.shapes import Shape
     from elvis.core.streamlines import TracedLines, trace
@@ -37,8 +39,10 @@ if TYPE_CHECKING:
     from elvis.plugins.added_quantities import with_quantity
     from elvis.plugins.arrays import from_arrays
     from elvis.plugins.boundary_data import boundary_data
+    from elvis.plugins.continuous_fields import continuous
     from elvis.plugins.data import read
     from elvis.plugins.deforming import deform, largest_scale
+    from elvis.plugins.extruded_mean import mean_along
     from elvis.plugins.onto_mesh import onto_mesh
     from elvis.plugins.phases import at_phase
     from elvis.plugins.series.paths import pathlines, streaklines
@@ -102,6 +106,7 @@ __all__ = [
     "Light",
     "Mesh",
     "MeshLines",
+    "MeshQuality",
     "Plane",
     "Reference",
     "Renderer",
@@ -129,6 +134,7 @@ __all__ = [
     "average",
     "boundary_data",
     "boundary_triangles",
+    "continuous",
     "critical_points",
     "deform",
     "diff",
@@ -142,6 +148,8 @@ __all__ = [
     "largest_scale",
     "level_triangles",
     "line",
+    "mean_along",
+    "mesh_quality",
     "norms",
     "onto_mesh",
     "open_series",
@@ -161,6 +169,7 @@ __all__ = [
     "vortex_cores",
     "wall_points",
     "with_quantity",
+    "with_stream_function",
     "write",
 ]
 
@@ -209,12 +218,17 @@ NAMES = {
         "Entities",
         "Mesh",
     ),
+    "elvis.core.mesh_quality": (
+        "MeshQuality",
+        "mesh_quality",
+    ),
     "elvis.core.norms": ("norms",),
     "elvis.core.polynomials.bases": ("Basis",),
     "elvis.core.queries": (
         "points_on_line",
         "points_on_plane",
     ),
+    "elvis.core.resolution.stream_functions": ("with_stream_function",),
     "elvis.core.sampling": (
         "Samples",
         "line",
@@ -234,8 +248,10 @@ NAMES = {
     "elvis.plugins.added_quantities": ("with_quantity",),
     "elvis.plugins.arrays": ("from_arrays",),
     "elvis.plugins.boundary_data": ("boundary_data",),
+    "elvis.plugins.continuous_fields": ("continuous",),
     "elvis.plugins.data": ("read",),
     "elvis.plugins.deforming": ("deform", "largest_scale"),
+    "elvis.plugins.extruded_mean": ("mean_along",),
     "elvis.plugins.phases": ("at_phase",),
     "elvis.plugins.onto_mesh": ("onto_mesh",),
     "elvis.plugins.series.paths": (

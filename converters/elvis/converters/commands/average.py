@@ -69,8 +69,7 @@ def _write_mean_mode(
     from elvis.core.terminal import note, say
     from elvis.formats.writing import write
     from elvis.plugins.data import Reading, dataset_of
-    from elvis.plugins.extruded_mean import extruded_mean
-    from elvis.plugins.fourier_planes import fourier_mean
+    from elvis.plugins.extruded_mean import mean_along
     from elvis.plugins.series.series import series_in
 
     if not is_alone or output.suffix != ".xml":
@@ -80,14 +79,9 @@ def _write_mean_mode(
     reading = Reading(None, options)
     if series_in(files, reading) is not None:
         raise ElvisError("--direction: expected one state, found a series; write its mean first, or one step")
-    source = dataset_of(files, reading)
-    if source.mesh.dimension < 3:
-        found = fourier_mean(source, direction)
-    else:
-        conversion = extruded_mean(source, direction)
-        found = conversion.dataset
-        for remark in conversion.report.remarks():
-            note(remark)
+    found = mean_along(dataset_of(files, reading), direction)
+    for remark in found.remarks:
+        note(remark)
     say(f"{', '.join(map(str, write(found, output)))}: mean along {direction}")
 
 

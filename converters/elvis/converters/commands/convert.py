@@ -385,17 +385,12 @@ def _in_other_waves(
 
 def _with_stream_function(dataset: Dataset, report: Report) -> tuple[Dataset, Report]:
     """The data with the stream function, and how far its velocity is from that of the flow."""
-    from elvis.core.errors import ElvisError
-    from elvis.core.resolution.stream_functions import stream_function
+    from elvis.core.resolution.stream_functions import with_stream_function
     from elvis.core.terminal import stage
 
-    name = "stream_function"
-    if name in (own.name for own in dataset.fields):
-        raise ElvisError(f"--stream-function: field {name!r} already exists")
     with stage("computing the stream function"):
-        found = stream_function(dataset, name)
-    sentence = f"the velocity of {name} differs from that of the flow by {found.residual:.2g} of it, in L2"
-    return replace(dataset, fields=(*dataset.fields, found.field)), replace(report, notes=(*report.notes, sentence))
+        found = with_stream_function(dataset)
+    return found, replace(report, notes=(*report.notes, found.remarks[-1]))
 
 
 def _made_continuous(dataset: Dataset, report: Report) -> tuple[Dataset, Report]:

@@ -12,7 +12,7 @@ mesh: there psi has the mean zero.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
@@ -42,6 +42,39 @@ class StreamFunction:
 
     field: Field
     residual: float
+
+
+def with_stream_function(
+    dataset: Dataset, name: str = "stream_function", velocity: Sequence[str] | None = None
+) -> Dataset:
+    """Plane data with the stream function of their flow as a further field: d(name,y) = u and d(name,x) = -v.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Plane data.
+    name : str
+        Name of the field, of one order more than those of the velocity; its mean is zero.
+    velocity : sequence of str, optional
+        Two components; by default the usual ones for the names of the fields.
+
+    Returns
+    -------
+    Dataset
+        A remark states how far the velocity of the stream function is from that of the flow.
+
+    Raises
+    ------
+    ElvisError
+        For data that are not plane, have Fourier directions or no velocity, and for a field of this name.
+
+    >>> ds = elvis.with_stream_function(ds)  # doctest: +SKIP
+    """
+    if name in (own.name for own in dataset.fields):
+        raise ElvisError(f"field {name!r} already exists; give the stream function another name")
+    found = stream_function(dataset, name, velocity)
+    remark = f"the velocity of {name} differs from that of the flow by {found.residual:.2g} of it, in L2"
+    return replace(dataset, fields=(*dataset.fields, found.field), remarks=(*dataset.remarks, remark))
 
 
 def stream_function(dataset: Dataset, name: str, velocity: Sequence[str] | None = None) -> StreamFunction:
