@@ -74,4 +74,4 @@ def test_cgns_conditions_that_refer_to_missing_entities_are_reported(tmp_path):
 def test_composites_refer_to_existing_entities(tmp_path):
     (tmp_path / "a.xml").write_text(re.sub(r"E\[0-3\]", "E[0-3,6-9]", NATIVE))
     remarks = read(tmp_path / "a.xml").remarks
-    assert "3 of the 8 entities of composite 2that are not in the mesh were skipped" in remarks
+    assert "3 of the 8 entities of composite 2 that are not in the mesh were skipped" in remarks

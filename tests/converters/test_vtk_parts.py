@@ -78,3 +78,12 @@ def test_copies_of_cells_in_other_parts_count_once(tmp_path, marks):
     assert integrate(dataset, "volume")[0].value == pytest.approx(twice, rel=1e-12)
     told = [remark for remark in dataset.remarks if "1 cells that are listed twice, each once, were skipped" in remark]
     assert bool(told) is not marks
+
+
+def test_fields_that_hide_coordinates_are_reported(tmp_path):
+    places, cells = cube()
+    write(tmp_path / "a.vtu", grid(places, cells, {"x": linear(places), "u": linear(places)}))
+    notes = convert(Vtk([tmp_path / "a.vtu"])).report.notes
+    assert [note for note in notes if "coordinate" in note] == [
+        "field x has the name of a coordinate: in expressions x is the field"
+    ]

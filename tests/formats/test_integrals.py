@@ -368,3 +368,11 @@ def test_a_distance_that_is_zero_is_one_to_rounding(monkeypatch, bend, text):
     (row,) = integrate(Dataset(mesh), text, "all", progress=lambda done, _: taken.append(done))
     assert taken[-1] < 20000
     assert abs(row.value) <= row.error < 1e-8
+
+
+def test_an_empty_domain_is_an_error():
+    mesh = grid(Shape.QUADRILATERAL, 2)
+    edges = Composite(1, (("E", np.array([0])),))
+    data = Dataset(replace(mesh, composites=(edges,), domains={0: (1,)}))
+    with pytest.raises(ElvisError, match="expected elements of the domain, found none"):
+        integrate(data, "x")

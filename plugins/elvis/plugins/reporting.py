@@ -106,6 +106,8 @@ def _notes(source: Converter, plan: Topology, fitted: Sequence[FieldFit]) -> lis
             f"{hexahedra} pyramids became hexahedra with a vanishing upper face, which represent their functions "
             "exactly; their sides count as non-conforming next to triangles"
         )
+    for axis in sorted({each.field.name for each in fitted} & {"x", "y", "z"}):
+        notes.append(f"field {axis} has the name of a coordinate: in expressions {axis} is the field")
     for each in fitted:
         if each.field.is_continuous and not each.is_continuous and source.is_conforming:
             notes.append(

@@ -277,6 +277,8 @@ def integrate(
     wanted += _coefficients(dataset, coefficients)
     if not wanted or not names or not 0 < error < 1:
         raise ElvisError(f"expected a quantity, a target and an error between 0 and 1, found {field}, {over}, {error}")
+    if DOMAIN in names and dataset.mesh.excerpt is None and not len(dataset.mesh.domain_ids()):
+        raise ElvisError("expected elements of the domain, found none")
     others = [name for name in names if name not in lines]
     levels = {name: level for name in others if (level := Level.parse(dataset, name)) is not None}
     part = None if clip is None else Level.clip(dataset, clip)

@@ -409,7 +409,9 @@ def unknown_members(raw: RawGeometry, mesh: Mesh) -> list[str]:
         declared = sum(ids.count for _, ids in tokens)
         missing = declared - sum(len(ids) for _, ids in composite.parts)
         if missing > 0:
-            found.append(f"{missing} of the {declared} entities of composite {id}that are not in the mesh were skipped")
+            found.append(
+                f"{missing} of the {declared} entities of composite {id} that are not in the mesh were skipped"
+            )
     return found
 
 
