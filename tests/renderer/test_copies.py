@@ -1,13 +1,17 @@
 """Copies of data in pictures equal files that hold the copied elements."""
 
+import json
+
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
-from elvis import Camera, Copies, Plane, Repeat, Scene, SceneError, Turn, from_arrays, render
+from elvis import Camera, Copies, Plane, Repeat, Scene, SceneError, Turn, from_arrays, integrate, render, write
 from elvis.core.isometries import Isometry
 from elvis.core.polynomials.quadrature import lobatto
 from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.moved_expressions import moved
+from elvis.plugins.command import elvis as group
 from elvis.renderer.rendering import Pictures
 from elvis.scene.commandline.writing import option_words
 from elvis.scene.tables import scene_of, table_of
@@ -184,3 +188,51 @@ def test_bad_input_gives_one_line_error(data, options, message):
     with pytest.raises(SceneError, match=message) as raised:
         render(data, "p", size=20, **options)
     assert "\n" not in str(raised.value)
+
+
+@pytest.fixture(scope="module")
+def files(data, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("copies")
+    write(data, folder / "half.xml")
+    return [str(folder / name) for name in ("half.xml", "half.fld")]
+
+
+def run(*words):
+    result = CliRunner().invoke(group, list(words))
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+def test_integrals_count_copies(data, mirrored, files):
+    """Over a mirror image, as in a file that holds it, and over a row of copies: the volume and the moment of x."""
+    words = ("--mirror", "x=0", "--with-copies", "--json")
+    fields = ("u", "v", "vorticity_x", "vorticity_z", "q_criterion")
+    asked = [word for field in fields for word in ("--field", field)]
+    for row in json.loads(run("integrate", *files, *asked, *words)):
+        expected = integrate(mirrored, row["integrand"]).value
+        assert row["value"] == pytest.approx(expected, abs=1e-11)
+    # outward normals: what acts along x on one half, acts against x on the other
+    forces = json.loads(run("integrate", *files, "--field", "p*nx", "--field", "p*ny", "--over", "all", *words))
+    along, across = (row["value"] for row in forces)
+    half = integrate(data, "p*ny", "all").value
+    assert abs(half) > 0.1
+    assert (along, across) == pytest.approx((0.0, 2.0 * half), abs=1e-12)
+    words = ("--field", "x", "--field", "volume", "--repeat", "1,0,0:3", "--with-copies", "--json")
+    moment, volume = (row["value"] for row in json.loads(run("integrate", *files, *words)))
+    alone = integrate(data, ["x", "volume"])
+    assert volume == pytest.approx(3.0 * alone.of("volume").value, rel=1e-13)
+    assert moment == pytest.approx(3.0 * alone.of("x").value + 3.0 * alone.of("volume").value, rel=1e-12)
+
+
+def test_points_in_copies_have_values(files):
+    points = [word for x in (0.3, -0.3, 2.0) for word in ("--point", f"{x},0.4,0.5")]
+    words = ("--field", "u", "--field", "vorticity_x", "--mirror", "x=0", "--with-copies", "--json")
+    here, there, outside = json.loads(run("probe", *files, *points, *words))
+    assert (here["copy"], there["copy"], outside["copy"]) == (0, 1, -1)
+    assert here["element"] == there["element"]
+    assert there["x"] == -0.3
+    assert there["u"] == pytest.approx(-here["u"], rel=1e-12)
+    assert there["vorticity_x"] == pytest.approx(here["vorticity_x"], rel=1e-12)
+    refused = CliRunner().invoke(group, ["probe", *files, "--point", "0,0,0", "--mirror", "x=0"])
+    assert refused.exit_code == 2
+    assert "expected --mirror, --turn or --repeat together with --with-copies" in " ".join(refused.output.split())

@@ -17,11 +17,15 @@ from elvis.scene.errors import SceneError
 
 
 def with_periods(scene: Scene, data: Dataset | PluginData) -> Scene:
-    """The scene with the periods of data instead of the names of directions; data of a plugin declare none."""
+    """The scene with the periods of data instead of the names of directions."""
     if scene.copies is None:
         return scene
-    known = periods(data) if isinstance(data, Dataset) else {}
-    return replace(scene, copies=scene.copies.with_periods(known))
+    return replace(scene, copies=scene.copies.with_periods(periods_of(data)))
+
+
+def periods_of(data: Dataset | PluginData) -> dict[str, float]:
+    """The periods that data declare, by the names of the axes; those of a plugin declare none."""
+    return periods(data) if isinstance(data, Dataset) else {}
 
 
 class CopyChecks:

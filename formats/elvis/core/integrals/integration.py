@@ -19,8 +19,10 @@ from elvis.core.integrals.levels_of_elements import Level
 from elvis.core.integrals.line_targets import LineTargets, is_line
 from elvis.core.integrals.refinement import Summation
 from elvis.core.integrals.targets import DOMAIN, ELEMENT, Part, Places, Targets, has_outer_boundaries, overlap
+from elvis.core.isometries import Isometry
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
+from elvis.core.quantities.moved_expressions import moved
 from elvis.core.quantities.names import Names
 from elvis.core.ranks import ALONE, Ranks
 from elvis.core.terminal import Progress
@@ -246,6 +248,7 @@ def integrate(
     reached: Callable[[float], object] | None = None,
     best_effort: bool = False,
     jacobian: str = ABSOLUTE,
+    copy: Isometry | None = None,
 ) -> Integrals:
     """Integrals of quantities over the domain, regions and boundaries of a dataset.
 
@@ -268,6 +271,7 @@ def integrate(
     best_effort  whether an interrupt ends the refinement and returns the current result, with ``finished`` False
     jacobian  ``absolute``: elements count with |J|; ``signed``: with J, as in MFEM and VTK, so that inverted parts are
            negative volumes, and rules are exact on elements that fold as well
+    copy   of the data whose quantities are integrated
     Rows go by target, then by quantity; if a name matches several boundaries, or there are several names, the total
     comes last.  Raises ElvisError for unknown names, and if no element has the fields.
     """
@@ -275,6 +279,7 @@ def integrate(
     lines = LineTargets.of(dataset, names)
     wanted = integrands(dataset, [field] if isinstance(field, str) else list(field), lines.end(names))
     wanted += _coefficients(dataset, coefficients)
+    wanted = wanted if copy is None else _on_copy(dataset, wanted, copy)
     if not wanted or not names or not 0 < error < 1:
         raise ElvisError(f"expected a quantity, a target and an error between 0 and 1, found {field}, {over}, {error}")
     if DOMAIN in names and dataset.mesh.excerpt is None and not len(dataset.mesh.domain_ids()):
@@ -303,6 +308,18 @@ def integrate(
     is_finished = not any(ranks.exchange(summation.is_unfinished, "finished")) if best_effort else True
     found = [each for name, sums in rows for each in _rows(name, wanted, sums, is_finished)]
     return Integrals(found, [*_notes(wanted), *_remarks(rows, wanted, error), *_lost(rows, wanted, terms)])
+
+
+def moved_integrands(
+    dataset: Dataset, fields: Sequence[str], coefficients: str | None, copy: Isometry
+) -> list[Integrand]:
+    """The integrands of a copy of the data, as those of the data."""
+    return _on_copy(dataset, [*integrands(dataset, list(fields)), *_coefficients(dataset, coefficients)], copy)
+
+
+def _on_copy(dataset: Dataset, wanted: Sequence[Integrand], copy: Isometry) -> list[Integrand]:
+    names = Names.of(dataset)
+    return [replace(each, expression=moved(each.expression, copy, names)) for each in wanted]
 
 
 def _check_jacobian(jacobian: str, is_cut: bool, wanted: Sequence[Integrand]) -> None:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from elvis.core.files.columns import Columns
     from elvis.core.quantities import Expression
     from elvis.renderer.commands.sources import Source
+    from elvis.scene.copies import Copies
 
 
 @dataclass(frozen=True)
@@ -26,12 +27,14 @@ class Asked:
     every  whether every element that contains a point has a row
     clip   a surface whose inside is excluded, as in `elvis.core.integrals.integrate`
     ranks  that share the points, or have parts of the elements
+    copies of the data, whose values count too
     """
 
     texts: list[str] | None
     every: bool = False
     clip: str | None = None
     ranks: Ranks = ALONE
+    copies: Copies | None = None
 
     @property
     def quantities(self) -> tuple[str, ...]:
@@ -59,6 +62,10 @@ class Asked:
             from elvis.plugins.deforming import on_height
 
             places = on_height(source.dataset, places)
+        if self.copies is not None:
+            from elvis.renderer.commands.with_copies import probe_copies
+
+            return probe_copies(source, self.copies, places, wanted)
         if self.clip is None:
             return source.probe(places, wanted, self.every, self.ranks)
         if source.dataset is None:

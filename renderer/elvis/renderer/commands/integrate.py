@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -12,6 +12,7 @@ from elvis.core.arguments import field_option, json_option, overwrite_option, ti
 from elvis.core.ranks import ALONE, Ranks, is_idle
 from elvis.plugins.running import shared
 from elvis.renderer.commands.sources import Data, NativeSource, data_options, native_source, or_alone
+from elvis.renderer.commands.with_copies import copies_options
 
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from elvis.core.integrals import Integrals
     from elvis.core.terminal import Progress
     from elvis.renderer.commands.sources import Source
+    from elvis.scene.copies import Copies
 
 EPILOG = """\b
 Examples:
@@ -96,6 +98,7 @@ Examples:
 @json_option
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="File to write, .csv, .npz or .parquet.")
 @overwrite_option
+@copies_options
 @data_options
 @shared
 def integrate(
@@ -115,6 +118,7 @@ def integrate(
     as_json: bool,
     output: Path | None,
     overwrite: bool,
+    copies: Copies | None,
 ) -> None:
     """Integrate quantities over the domain, regions, boundaries, surfaces and curves, with the elements' own map.
 
@@ -135,6 +139,13 @@ def integrate(
     if plot is not None and times is None and bins is None:
         raise click.UsageError("expected --plot with --times or --histogram", click.get_current_context())
     _check_outputs(output, plot, data.inputs(), overwrite)
+    if copies is not None:
+        if bins is not None or without_top_modes:
+            text = "--with-copies: expected no --histogram and no --without-top-modes"
+            raise click.UsageError(text, click.get_current_context())
+        if is_idle(ranks):
+            return
+        ranks = ALONE
     if bins is not None:
         if is_idle(ranks):
             return
@@ -145,6 +156,8 @@ def integrate(
     def integrals(source: Source, progress: Progress | None = None) -> Integrals:
         own = ALONE if times is not None and isinstance(source, NativeSource) and source.portion is None else ranks
         work = (progress, own, reporter(), best_effort, jacobian)
+        if copies is not None:
+            return _over_copies(source, copies, quantities, over, error, coefficients, clip, *work)
         found = source.integrate(quantities, over, error, coefficients, clip, *work)
         if not without_top_modes:
             return found
@@ -170,6 +183,16 @@ def integrate(
         _show(found, plot, output, as_json)
         if not _is_finished(found):
             raise SystemExit(INTERRUPTED)
+
+
+def _over_copies(source: Source, copies: Copies, *asked: Any) -> Integrals:
+    """Integrals over all copies of the data."""
+    from elvis.core.integrals.copied_integrals import integrate_copies
+    from elvis.renderer.commands.with_copies import isometries_of
+
+    native, isometries = isometries_of(source, copies)
+    quantities, over, *rest = asked
+    return integrate_copies(native.dataset, quantities, over, isometries, *rest)
 
 
 def _of_two_orders(whole: Integrals, less: Integrals, dataset: Dataset) -> Integrals:

@@ -39,6 +39,7 @@ from elvis.renderer.commands.probe_points import (
 )
 from elvis.renderer.commands.probe_spectra import segment_of, spectra_of
 from elvis.renderer.commands.sources import Data, NativeSource, data_options, or_alone
+from elvis.renderer.commands.with_copies import copies_options
 
 if TYPE_CHECKING:
     from elvis.core.arrays import Floats
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
     from elvis.core.files.columns import Columns
     from elvis.core.quantities import Expression
     from elvis.renderer.commands.sources import Source
+    from elvis.scene.copies import Copies
 
 
 #: points of a grid that are asked together
@@ -134,6 +136,7 @@ Examples:
 )
 @json_option
 @overwrite_option
+@copies_options
 @data_options
 @shared
 def probe(
@@ -157,6 +160,7 @@ def probe(
     plot: Path | None,
     as_json: bool,
     overwrite: bool,
+    copies: Copies | None,
 ) -> None:
     """Evaluate fields exactly at points, with the solver's own polynomials on the element that contains each point.
 
@@ -167,8 +171,13 @@ def probe(
     time; with --along it is the arc length of the curve up to the point; --plot draws both. On boundaries (--along
     boundary:NAME or section:NAME:plane:P:N) values are those of the element behind the wall; further columns are the
     number of the curve if there are several, x/c and the normal. Several curves share one table and one plot, with a
-    legend.
+    legend. With --with-copies the column copy has the number of the copy that contains the point, -1 outside.
     """
+    if copies is not None and (every or clip or snap or plot or curves.names or spectrum):
+        raise click.UsageError(
+            "expected --with-copies without --all, --clip, --snap, --along, --spectrum and --plot",
+            click.get_current_context(),
+        )
     if box is not None and grid is None:
         raise click.UsageError("expected --box with --grid", click.get_current_context())
     if line is not None and plot is not None and not curves.names and times is None:
@@ -183,12 +192,12 @@ def probe(
     if spectrum is not None and (times is None or every):
         raise click.UsageError("expected --spectrum with --times, and without --all", click.get_current_context())
     spans_box = grid is not None or isinstance(plane, str)
-    if spans_box or curves.are_on_walls or curves.speed or snap or points == "-":
+    if copies or spans_box or curves.are_on_walls or curves.speed or snap or points == "-":
         if is_idle(ranks):
             return
         ranks = ALONE
     ways = [way for way in (points, single or None, line, plane, times) if way is not None]
-    asked = Asked(list(quantities) or None, every, clip, ranks)
+    asked = Asked(list(quantities) or None, every, clip, ranks, copies)
     if grid is not None:
         others = [
             points,
@@ -198,6 +207,7 @@ def probe(
             *curves.names,
             counts,
             snap,
+            copies if is_nrrd else None,
             *([every or None, times] if is_nrrd else []),
         ]
         if any(other is not None for other in others):
