@@ -209,6 +209,17 @@ def test_numbers_may_follow_a_heading_on_its_line(tmp_path, name):
     assert one == other > 0.5
 
 
+def test_spaces_that_the_library_lacks_are_rejected(tmp_path):
+    mesh = mfem.Mesh(str(MESHES / "ref-prism.mesh"), 1, 1)
+    collection = mfem.H1Ser_FECollection(2, 3)
+    space = mfem.FiniteElementSpace(mesh, collection)
+    function = mfem.GridFunction(space)
+    function.Assign(1.0)
+    files = save(tmp_path, mesh, u=function)
+    with pytest.raises(FormatError, match="as many functions as values, found 18 for 15 on element 0"):
+        convert(Mfem(files))
+
+
 @pytest.mark.parametrize("name", ["ball-nurbs", "disc-nurbs", "pipe-nurbs-2d"])
 def test_rational_meshes_are_measured(name):
     report = check(Mfem, [MESHES / f"{name}.mesh"]).report

@@ -147,7 +147,7 @@ class _RemoteMesh:
     """A mesh in the library's process, by its number there; ``path`` is its file."""
 
     def __init__(self, library: Apart, number: int, path: Path) -> None:
-        self._library, self._number, self._path = library, number, path
+        self._library, self._number, self.path = library, number, path
 
     def read(self, method: str, *given: Any, size: int, path: Path) -> dict[str, Any]:
         """The library's data from a file with this number of bytes.
@@ -170,7 +170,7 @@ class _RemoteMesh:
         try:
             return np.asarray(self._library.ask(method, self._number, elements, points, *given, size=size))
         except LibraryError as failure:
-            raise _refuse(failure, self._path) from failure
+            raise _refuse(failure, self.path) from failure
 
 
 def _work(text: str) -> int:
@@ -377,7 +377,12 @@ class _Basis(ShapeFunctions):
     def tabulate(self, points: Floats) -> Floats:
         """(n, count) values at points (n, d) in the library's coordinates."""
         one = np.array([self._element])
-        return self._asked.values("basis", one, points, self._which, width=len(points) * self._count)
+        found = self._asked.values("basis", one, points, self._which, width=len(points) * self._count)
+        if found.shape[-1] != self._count:
+            # the library's serendipity space has no elements of its own on prisms
+            sentence = f"expected a space with as many functions as values, found {found.shape[-1]} for {self._count}"
+            raise FormatError(f"{sentence} on element {self._element}", file=self._asked.path, place="GridFunction")
+        return found
 
 
 def _has_unit_weights(text: str) -> bool:
