@@ -399,3 +399,11 @@ def test_every_command_warns_if_the_nodes_are_ambiguous(tmp_path):
     path = write(tmp_path / "rough.vtu", grid(x, [(70, np.arange(len(x)))]))
     assert "the nodes of cells can't be determined" in " ".join(read(path, cache=False).remarks)
     assert "can't be determined" not in " ".join(read(path, reader=["nodes=gll"], cache=False).remarks)
+
+
+@pytest.mark.parametrize("entry", ["", '<DataSet timestep="nan" file="a.vtu"/>'])
+def test_collections_without_times_are_rejected(tmp_path, entry):
+    path = tmp_path / "all.pvd"
+    path.write_text(f'<VTKFile type="Collection"><Collection>{entry}</Collection></VTKFile>')
+    with pytest.raises(FormatError, match="expected a list of files with their times, found one without"):
+        Vtk([path])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import mmap
 import re
 from collections.abc import Sequence
@@ -269,6 +270,8 @@ def files_by_time(path: Path) -> dict[float, list[str]]:
 def _members(path: Path, step: int) -> tuple[float, list[Path]]:
     """Time and files of one step of a series."""
     listed = files_by_time(path)
+    if not listed or any(map(math.isnan, listed)):
+        raise FormatError("expected a list of files with their times, found one without", file=path)
     time = sorted(listed)[checked_step(step, len(listed), path)]
     members = [path.parent / name for name in listed[time]]
     for member in members:

@@ -148,7 +148,8 @@ def _refusing(path: str) -> Iterator[None]:
     yield
     found = re.search(r"(?s)ERROR: In [^\n]*\n(?:\w+ \([^)]*\): )?(.*?)(?:\n\n|$)", complaints.GetOutput())
     if found is not None:
-        reason = " ".join(re.sub(r"vtk\w+ \(0x[0-9a-f]+\): ", "", found[1]).split())
+        complaint = re.sub(r"(?s) for request:.*|vtk\w+ \(0x[0-9a-f]+\): ", "", found[1])
+        reason = " ".join(complaint.split())
         raise FormatError(f"expected a complete VTK file, found: {reason}", file=path)
 
 
