@@ -6,12 +6,26 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from elvis import Camera, Copies, Plane, Repeat, Scene, SceneError, Turn, from_arrays, integrate, render, write
+from elvis import (
+    Camera,
+    Copies,
+    ElvisError,
+    Plane,
+    Repeat,
+    Scene,
+    SceneError,
+    Turn,
+    from_arrays,
+    integrate,
+    render,
+    write,
+)
 from elvis.core.isometries import Isometry
 from elvis.core.polynomials.quadrature import lobatto
 from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.moved_expressions import moved
 from elvis.plugins.command import elvis as group
+from elvis.reference.study import compare_scene
 from elvis.renderer.rendering import Pictures
 from elvis.scene.commandline.writing import option_words
 from elvis.scene.tables import scene_of, table_of
@@ -236,3 +250,11 @@ def test_points_in_copies_have_values(files):
     refused = CliRunner().invoke(group, ["probe", *files, "--point", "0,0,0", "--mirror", "x=0"])
     assert refused.exit_code == 2
     assert "expected --mirror, --turn or --repeat together with --with-copies" in " ".join(refused.output.split())
+
+
+def test_linear_pictures_have_no_copies(data, files):
+    scene = Scene("p", copies=Copies(repeat=(Repeat((2.0, 0.0, 0.0), 2),)))
+    with pytest.raises(ElvisError, match="copies: linear pictures have none to compare with"):
+        compare_scene(data, scene)
+    refused = CliRunner().invoke(group, ["compare", *files, "--mirror", "x=0"])
+    assert refused.exit_code == 2

@@ -171,6 +171,8 @@ def compare_scene(
     """
     if Kind.of(dataset) is Kind.LINE:
         raise ElvisError("1D data are drawn as curves: there are no linear pictures to compare with")
+    if scene.copies is not None:
+        raise ElvisError("copies: linear pictures have none to compare with: remove mirror, turn and repeat")
     draw, scene = draw or drawing_device(), replace(scene, samples=1, outputs=(), stats=None)
     start = perf_counter()
     frame = draw(dataset, scene, device=scene.device)
