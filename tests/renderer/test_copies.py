@@ -1,6 +1,7 @@
 """Copies of data in pictures equal files that hold the copied elements."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,11 +10,13 @@ from click.testing import CliRunner
 from elvis import (
     Camera,
     Copies,
+    Dataset,
     ElvisError,
     Plane,
     Repeat,
     Scene,
     SceneError,
+    Shape,
     Turn,
     from_arrays,
     integrate,
@@ -21,9 +24,11 @@ from elvis import (
     write,
 )
 from elvis.core.isometries import Isometry
+from elvis.core.mesh import PERIODIC
 from elvis.core.polynomials.quadrature import lobatto
 from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.moved_expressions import moved
+from elvis.core.testing import grid
 from elvis.plugins.command import elvis as group
 from elvis.reference.study import compare_scene
 from elvis.renderer.rendering import Pictures
@@ -258,3 +263,14 @@ def test_linear_pictures_have_no_copies(data, files):
         compare_scene(data, scene)
     refused = CliRunner().invoke(group, ["compare", *files, "--mirror", "x=0"])
     assert refused.exit_code == 2
+
+
+def test_declared_periods_are_known():
+    mesh = grid(Shape.HEXAHEDRON, 1)
+    sides = replace(mesh.composites[1], name=PERIODIC)
+    data = Dataset(replace(mesh, composites=(mesh.composites[0], sides)))
+    frame = render(data, "x", repeat=["x:3", "y:2"], size=30, camera=CAMERA, faces="element:0")
+    assert frame.scene.copies.repeat == (Repeat((1.0, 0.0, 0.0), 3), Repeat((0.0, 1.0, 0.0), 2))
+    assert set(np.unique(frame.copy)) <= set(range(-1, 6))
+    # a quantity of coordinates is that of the places of the copies
+    assert np.abs(frame.field - frame.position[..., 0])[frame.seen].max() < 1e-12

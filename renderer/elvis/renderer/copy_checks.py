@@ -11,6 +11,7 @@ from elvis.core.copied_domains import periods
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.picturing import Kind
+from elvis.core.quantities import Names
 from elvis.plugins.opening import PluginData
 from elvis.scene import Copies, Scene, VolumeRendering
 from elvis.scene.errors import SceneError
@@ -66,7 +67,7 @@ def check_copies(copies: Copies, data: Dataset | PluginData) -> None:
     if not isinstance(data, Dataset):
         return
     isometries = copies.isometries()
-    if data.mesh.space < 3 and any(own.rotation[2] != (0.0, 0.0, 1.0) or own.shift[2] for own in isometries):
+    if Names.of(data).dimension < 3 and any(own.rotation[2] != (0.0, 0.0, 1.0) or own.shift[2] for own in isometries):
         raise SceneError("copies: 2D data are copied in their own plane: expected mirrors, turns and repetitions in it")
     mirrors = [(np.array(plane.point, np.float64), np.array(plane.normal, np.float64)) for plane in copies.mirror]
     try:
