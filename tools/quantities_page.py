@@ -22,10 +22,9 @@ others. A field takes precedence over a quantity of the same name.
 FIELDS = """
 ## Fields
 
-In the formulas `u`, `v`, `w`, `rho`, … stand for fields of your data: for the first name in the
-second column that the data contain. If they contain none, ElVis uses the formula in the last
-column. In two dimensions `w` and derivatives along z are zero. In quasi-3D data z is the direction of the Fourier
-series.
+In formulas, `u`, `v`, `w`, `rho`, … mean the first field in the second column that your data
+contain. If they contain none, ElVis uses the formula in the last column. In two dimensions `w` and
+derivatives along z are zero. In quasi-3D data z is the direction of the Fourier series.
 
 | in formulas | names of fields | otherwise |
 |---|---|---|
@@ -35,9 +34,9 @@ NUMBERS = """
 
 Write parameters of the flow in parentheses after the quantity, in any order: `mach(gamma=1.3)`,
 `pressure_coefficient(p_ref=0, u_ref=1)`. A parameter may be an expression, such as Sutherland's
-law, or a field: `wall_shear(mu=mu_field)`. ElVis takes the parameters that you omit from the
-[reference values](howto/numbers.md#reference-values), and then from the metadata of the data, whose
-names are not case-sensitive. If a parameter is still missing, an error names it.
+law, or a field: `wall_shear(mu=mu_field)`. For parameters that you omit, ElVis tries the [reference
+values](howto/numbers.md#reference-values), then the metadata of the data (upper and lower case are
+the same), then the default. If it finds none, an error names the parameter.
 
 | parameter | meaning | metadata | default |
 |---|---|---|---|
@@ -51,8 +50,8 @@ TABLE = """
 PARTS = """
 ## Parts of formulas
 
-The formulas also use these names, which you cannot use in your own expressions. If a name has
-several formulas, ElVis uses the first one for which the data suffice.
+These names exist only inside the formulas above; in your own expressions write `d(u,x)` instead of
+`ux`. If a name has several formulas, ElVis uses the first one whose fields the data contain.
 
 | part | formula |
 |---|---|
@@ -64,8 +63,8 @@ NOTES = """
 edges in a plane):
 
 - the outward normal `nx`, `ny`, `nz`,
-- the height `face_height` of the element above the side: 1 / |grad l|, where l goes from 0 on the
-  side to 1 at the far end of the reference element.
+- the height `face_height` of the element normal to the side: 1 / |grad l|, where l rises from 0 on
+  the side to 1 at the opposite side or corner of the reference element.
 
 These quantities therefore have values only on sides and are NaN elsewhere. Use them where `--faces`
 draws, or with `elvis probe` at points of walls. The wall shear is the stress that the flow exerts
@@ -73,26 +72,26 @@ on the wall, evaluated in the element in which a point is found. The pressure, a
 normal stress that comes from dilatation, are not included.
 
 `y_plus` is the height of the element at the wall, in wall units. In an element with interior nodes,
-the first node lies at about `y_plus/order`. In a laminar sublayer, the stress is equal to the
-stress at the wall, so `distance(wall)*sqrt(tau/rho)/nu` is the y+ of any point. In other regions
-ElVis cannot compute y+ at a point away from the wall, because it does not evaluate the stress at the
-nearest point of the wall.
+the first node lies at about `y_plus/order`. Within the viscous sublayer, the stress equals the
+stress at the wall, so `distance(wall)*sqrt(tau/rho)/nu` is y+ there, with `tau` an expression of
+the local shear stress. Beyond it ElVis cannot compute y+, because it does not evaluate the stress
+at the nearest point of the wall.
 
 ## Accuracy
 
-Quantities that are polynomials of the fields and of their derivatives, such as `q_criterion` and
-the components of vorticity and strain, are expanded exactly on straight elements. Eigenvalues are
-computed in closed form:
+On straight elements, quantities that are polynomials of fields and derivatives, such as
+`q_criterion`, the vorticity and the strain rate, become exact polynomials. All others are evaluated
+at each point, to rounding. Eigenvalues are computed in closed form:
 
 - `middle_eigenvalue(xx, yy, zz, xy, xz, yz)` is the middle eigenvalue of a symmetric matrix. Its
-  error is some units in the last place of the largest matrix entry. This also holds if eigenvalues
+  error is a few units in the last place of the largest matrix entry. This also holds if eigenvalues
   are equal or nearly equal, as the discriminant is computed as a sum of squares. Plane flows
   without divergence have two equal eigenvalues everywhere. The function has no derivative at points
   where eigenvalues coincide: `d(lambda2, x)` is NaN there.
 - `imaginary_root(a, b)` is the imaginary part of the complex roots of t^3 + a t + b. The error of
-  its square is some units in the last place of |a| + |b|^(2/3). Near zero, half of the digits of
-  the root are correct, and a third of them if the flow is nearly pure shear. The eigenvalues of the
-  gradient are this sensitive to the gradient itself.
+  its square is a few units in the last place of |a| + |b|^(2/3). Near zero, only half of the digits
+  of the root are correct, and only a third if the flow is nearly pure shear. This sensitivity is
+  inherent in the eigenvalues of the gradient.
 
 Both functions can be used in expressions.
 """

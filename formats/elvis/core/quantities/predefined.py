@@ -245,7 +245,7 @@ QUANTITIES: tuple[PredefinedQuantity, ...] = (
     PredefinedQuantity("moment_z", _MOMENT, ("(x - x_ref)*force_y - (y - y_ref)*force_x",), "", _PLANE),
     PredefinedQuantity(
         "y_plus",
-        "height of the element on a face, in wall units; divide by the order for the height of its first nodes",
+        "height of the element at a wall, in wall units; divide by the order to estimate y+ of the first node",
         ("face_height*sqrt(mass*wall_shear)/viscosity",),
         _SCHLICHTING,
         _PLANE,
