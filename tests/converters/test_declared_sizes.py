@@ -212,5 +212,5 @@ def test_a_member_with_an_excessive_size_is_rejected(solvers, tmp_path):
 def test_xml_that_declares_more_than_it_contains(tmp_path, name):
     inside = f'<PUnstructuredGrid {name}="99999999999999999999"></PUnstructuredGrid>'
     (tmp_path / "a.pvtu").write_text(f'<VTKFile type="PUnstructuredGrid">{inside}</VTKFile>')
-    with pytest.raises(FormatError, match=rf"a\.pvtu: {name}: expected at most \d+, as \d+ bytes hold, found 9{{20}}"):
+    with pytest.raises(FormatError, match=rf"a\.pvtu: {name}: expected at most \d+, from \d+ bytes, found 9{{20}}"):
         Vtk([tmp_path / "a.pvtu"])

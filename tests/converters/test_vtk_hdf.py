@@ -155,7 +155,7 @@ CHANGES = [
     ("NumberOfParts", [2, 2, 9], "expected parts up to 6, found 13"),
     ("Offsets", [0, 4, 0, 3, 6] * 2 + [0, 5, 0, 3, 6], "Offsets: expected ascending offsets from 0 to 4"),
     ("Connectivity", [9] * 30, "Connectivity: expected points 0 to 3, found 9 to 9"),
-    ("NumberOfCells", [1, 2, 1, 2, 1, -2], "expected as many numbers of points"),
+    ("NumberOfCells", [1, 2, 1, 2, 1, -2], "expected equally many numbers of points"),
 ]
 
 

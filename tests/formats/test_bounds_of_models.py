@@ -230,7 +230,7 @@ def test_errors_of_norms_include_those_of_integrals_and_rounding(monkeypatch):
     monkeypatch.setattr(difference, "_ROUNDING", 0.01)
     value, error, measure = np.arange(1.0, 7.0), np.arange(0.1, 0.7, 0.1), np.array([2.0, 2, 2, 2, 4, 8])
     sums = SimpleNamespace(value=value, error=error, measure=measure)
-    greatest = SimpleNamespace(value=9.0, bound=9.5, place=(0, 0, 0), element=1)
+    greatest = SimpleNamespace(value=9.0, bound=9.5, position=(0, 0, 0), element=1)
     found = difference._difference("u", sums, greatest)
     noise = 0.01 * 2.0
     assert found.l1_error == pytest.approx(0.1 + 2 * noise)

@@ -44,7 +44,7 @@ def test_files_of_another_kind_count_as_damaged(store):
 def test_special_files_are_not_opened(store, tmp_path):
     os.mkfifo(tmp_path / "pipe")
     for path in (tmp_path / "pipe", tmp_path, tmp_path / "none"):
-        with pytest.raises(OSError, match=r"plain|No such file"):
+        with pytest.raises(OSError, match=r"regular|No such file"):
             store.read(path)
 
 

@@ -183,7 +183,7 @@ def test_expressions_follow_mathematics(text, value):
         ("x.real", "character 2: expected an operator, found '.'"),
         ("u**2", "character 3: expected a number, a name or (, found '*'"),
         ("(" * 99 + "x", "at most 60 levels"),
-        ("+".join("x" * 1999), "at most 1000 words"),
+        ("+".join("x" * 1999), "at most 1000 tokens"),
         ("1e999", "expected a number of double precision, found 1e999"),
         ("d(u,s)", "expected x, y, z or t, found 's'"),
         ("d(u)", "expected , and a coordinate"),

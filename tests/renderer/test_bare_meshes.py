@@ -54,7 +54,7 @@ def test_the_scene_takes_precedence(renderer):
     assert styles == [red, Style("x")]
     assert render(dataset, field="x", plane=cut, **SMALL).stats["remarks"] == []
     with pytest.raises(
-        SceneError, match="--isosurface: the data contain a mesh but no field: also give the field file"
+        SceneError, match="--isosurface: the data contain a mesh but no field: also pass the field file"
     ):
         render(dataset, objects=(Isosurface((0.5,)),), **SMALL)
     levels = render(dataset, objects=(Isosurface((0.5,), "x"),), camera="iso", **SMALL)

@@ -287,3 +287,22 @@ def test_scenes_commands_and_python_agree():
 def test_invalid_input_is_rejected(draw, screws, given, match):
     with pytest.raises(SceneError, match=match):
         draw(screws, objects=(Streamlines(**{"seeds": ("point:1,0.5,0.5",), "ribbon": 0.1, **given}),), size=(8, 8))
+
+
+def test_a_seed_on_a_side_does_not_turn_the_strip():
+    # a line that starts on a side has a first piece whose length is rounding, and its direction noise
+    def bump(p):
+        return p + (p[:, 0] * (1 - p[:, 0]) * (p[:, 1] - 0.3))[:, None] * np.array([0.0, 0.2, 0.3])
+
+    bare = Dataset(curved(grid(Shape.HEXAHEDRON, 2), bump, 4))
+    flow = {"u": lambda p: 1 + p[:, 0] * p[:, 1], "v": lambda p: p[:, 0] ** 2 - p[:, 2], "w": lambda p: 0.3 * p[:, 2]}
+    data = Dataset(bare.mesh, tuple(approximated(bare, name, function, 4) for name, function in flow.items()))
+    corner = bump(np.array([[0.5, 0.5, 0.5]]))[0]
+    found = []
+    for seed in (corner, corner + [1e-7, 0.0, 0.0]):
+        lines = curves(data, Course(seeds=seed[None]))
+        strips = ribbons(data, lines.pieces)
+        last = np.abs(strips.pieces.time[:, 1]).argmax()
+        found.append((lines.pieces.points[:, 1:], strips.across[last].sum(axis=0)))
+    assert min(np.abs(points).sum(axis=(1, 2)).min() for points, _ in found) < 1e-12
+    assert found[0][1] == pytest.approx(found[1][1], abs=1e-5)

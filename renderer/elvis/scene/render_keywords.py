@@ -43,8 +43,8 @@ class SharedKeywords(TypedDict, total=False):
     colormap: str | None
     """Colour map: a name of the cmap catalogue, elvis:NAME, or a file of ParaView or of the original ElVis."""
     range: str | ArrayLike | None
-    """Ends of the colour map: two values, visible (range in the picture), all (certified bounds of the field), or
-    series (range over all steps)."""
+    """Ends of the colour map: two values, visible (in the picture), all (certified bounds) or series (over all
+    steps)."""
     bar: ColorBar | str | Mapping[str, Any] | None
     """Colour bar: title=TEXT, unit=TEXT, scale=linear|log|symlog, linear=V, bands=N, ticks=V V,
     position=right|left|top|bottom|none."""
@@ -192,8 +192,8 @@ class SharedKeywords(TypedDict, total=False):
     color_map: str | None
     """Colour map: a name of the cmap catalogue, elvis:NAME, or a file of ParaView or of the original ElVis."""
     clim: str | ArrayLike | None
-    """Ends of the colour map: two values, visible (range in the picture), all (certified bounds of the field), or
-    series (range over all steps)."""
+    """Ends of the colour map: two values, visible (in the picture), all (certified bounds) or series (over all
+    steps)."""
     levels: Contours | Mapping[str, Any] | ArrayLike | None
     """N contour lines, or lines at given values; :labels writes the values on them."""
     isosurfaces: Isosurface | Mapping[str, Any] | ArrayLike | Sequence[Isosurface | str] | None

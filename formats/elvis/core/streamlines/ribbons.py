@@ -34,6 +34,8 @@ from elvis.core.streamlines.velocity import Velocity
 
 #: maximum deviation of the vector across from the solution, and maximum number of bisections of a piece
 DEVIATION, _HALVINGS = 1e-10, 8
+#: length of a piece, relative to its coordinates, below which it has no direction
+_POINT = 1e-10
 #: change of the line's direction at a border that counts as zero
 _JUMP = 1e-11
 _STAGES = 7
@@ -93,7 +95,7 @@ def ribbons(
     check_space(data)
     data = flow_data(data)
     twist = _Twist(data, velocity)
-    pieces = pieces.along_lines()
+    pieces = _with_length(pieces.along_lines())
     done, solved, deviations = [], [], []
     for halving in range(_HALVINGS + 1):
         if not len(pieces):
@@ -109,6 +111,13 @@ def ribbons(
     none = np.empty((0, 8, 3, 3))
     solution = np.concatenate([none, *solved])[order]
     return _chained(joined.part(order), solution, np.concatenate([[], *deviations])[order], across, data.space)
+
+
+def _with_length(pieces: Pieces) -> Pieces:
+    """The pieces without those whose length is rounding: a line that starts on a side may have one, of any direction."""
+    length = np.abs(pieces.points[:, 1:]).sum(axis=(1, 2))
+    largest = np.abs(pieces.points[:, 0]).max(axis=1, initial=0.0)
+    return pieces.part(np.flatnonzero(length > _POINT * largest))
 
 
 class _Twist:
