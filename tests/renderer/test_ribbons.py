@@ -299,7 +299,7 @@ def test_a_seed_on_a_side_does_not_turn_the_strip():
     data = Dataset(bare.mesh, tuple(approximated(bare, name, function, 4) for name, function in flow.items()))
     corner = bump(np.array([[0.5, 0.5, 0.5]]))[0]
     found = []
-    for seed in (corner, corner + [1e-7, 0.0, 0.0]):
+    for seed in (corner, corner + np.array([1e-7, 0.0, 0.0])):
         lines = curves(data, Course(seeds=seed[None]))
         strips = ribbons(data, lines.pieces)
         last = np.abs(strips.pieces.time[:, 1]).argmax()

@@ -114,7 +114,7 @@ def ribbons(
 
 
 def _with_length(pieces: Pieces) -> Pieces:
-    """The pieces without those whose length is rounding: a line that starts on a side may have one, of any direction."""
+    """The pieces longer than rounding: a line that starts on a side may have a shorter one, of any direction."""
     length = np.abs(pieces.points[:, 1:]).sum(axis=(1, 2))
     largest = np.abs(pieces.points[:, 0]).max(axis=1, initial=0.0)
     return pieces.part(np.flatnonzero(length > _POINT * largest))
