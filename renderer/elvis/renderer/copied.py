@@ -26,6 +26,7 @@ from elvis.core.quantities.tree import Node
 from elvis.renderer.draw_calls import DrawCall
 from elvis.scene import Clip, CutSurface, Implicit, Isosurface, Light, Scene, SceneObject, Style, VolumeRendering
 from elvis.scene.errors import SceneError
+from elvis.scene.fitting import surrounding
 from elvis.scene.moved_surfaces import moved_back
 from elvis.scene.quantities import quantities
 from elvis.scene.surfaces import Surface
@@ -216,6 +217,9 @@ def surrounding_copies(box: Floats, copies: Sequence[Copy]) -> Floats:
     return np.array([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
 
 
-def boxes_of_copies(box: Floats, copies: Sequence[Copy]) -> list[Boxes]:
-    """A box (1, 6) around each further copy of a box (2, 3)."""
+def boxes_of_copies(boxes: Sequence[Boxes], copies: Sequence[Copy]) -> list[Boxes]:
+    """A box (1, 6) around each further copy of some boxes; none without boxes."""
+    if not copies or not sum(map(len, boxes)):
+        return []
+    box = surrounding(boxes)
     return [np.asarray(copy.isometry.box(box).reshape(1, 6), np.float32) for copy in copies[1:]]

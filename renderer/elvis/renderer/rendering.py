@@ -426,9 +426,7 @@ class Renderer:
         if self._fitted is None or self._fitted[0] != key:
             every = [self.stages, *self.stages.ghosts.values()]
             boxes = [part.boxes for own in every for part in own.loaded.parts]
-            copies = self.stages.copied.copies
-            if copies and sum(map(len, boxes)):
-                boxes += boxes_of_copies(self.stages.box, copies)
+            boxes += boxes_of_copies(boxes, self.stages.copied.copies)
             asked = automatic(scene, boxes, partial(self.glance, rows=RankRows()))
             self._fitted, self._stays = (key, view_of(asked)), is_of_elements(scene)
         return self._fitted[1]
