@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from claims import TEETH, check
 
-from elvis.core.differences import compositions, overlaps, prepared
+from elvis.core.differences import bent_pairs, compositions, overlaps, prepared
 from elvis.core.differences.compositions import Composition, PairBoxes, _crossing, _field_roundings, growth
 from elvis.core.mapping.margins import heights
 from elvis.core.patch import patches
@@ -383,3 +383,71 @@ def test_patches_are_compared_if_a_pair_may_exceed_the_difference_found(monkeypa
     tree = SimpleNamespace(overlaps=lambda low, high: (np.arange(2), np.arange(2)))
     side = SimpleNamespace(boxes=np.zeros((2, 6)), tree=tree)
     assert overlaps._between(side, side, SimpleNamespace(best=SimpleNamespace(value=1.0))) == expected
+
+
+@pytest.mark.parametrize("part", [0.99, 1.01])
+def test_boxes_are_bisected_if_their_bound_exceeds_the_largest_difference(part):
+    """By a ten-thousandth of it and four times their rounding; the others count with their bounds."""
+    limit = 2.0 * (1 + part * overlaps._CLOSE) + part * 4 * 0.5
+    noted = []
+    pairs = overlaps._Pairs.__new__(overlaps._Pairs)
+    pairs._search = SimpleNamespace(best=SimpleNamespace(value=2.0), budget=0)
+    pairs._composition = SimpleNamespace(meet=lambda boxes: np.ones(3, bool))
+    pairs._improve = lambda boxes, nets, slack: None
+    pairs._note = lambda boxes, limit: noted.append(limit)
+    boxes = SimpleNamespace(without_fields=lambda: boxes, part=lambda chosen: boxes)
+    for slack, limits in ((0.5, [1.0, limit, 0.5]), (0.0, [1.0, 2.0 * (1 + part * overlaps._CLOSE), 0.5])):
+        noted.clear()
+        composed = SimpleNamespace(nets=np.ones((3, 2, 2)), limit=np.array(limits), slack=np.full(3, slack))
+        assert pairs._halved(boxes, composed) == limits[1]
+        assert len(noted) == (part > 1)
+
+
+def test_closed_pairs_of_bent_elements_count_with_their_bounds():
+    """Constants 1.00005 and 0 apart where a difference of 1 was found."""
+    places = np.tile(np.stack(np.meshgrid([0.0, 1.0], [0.0, 1.0], indexing="ij")), (2, 1, 1, 1))
+    values = np.array([1.00005, 0.5])
+
+    def side(constants):
+        nets = np.broadcast_to(constants[:, None, None], (2, 2, 2))
+        return SimpleNamespace(places=places, place_error=np.zeros((2, 2)), box=nets, box_error=np.zeros(2))
+
+    bound, _ = bent_pairs.bound_of_bent_pairs(side(values), side(0 * values), np.arange(2), np.arange(2), 1.0)
+    assert values[0] <= bound <= values[0] * (1 + 1e-12)
+
+
+@pytest.mark.parametrize("shape", [Shape.TRIANGLE, Shape.QUADRILATERAL, Shape.TETRAHEDRON, Shape.HEXAHEDRON])
+def test_errors_of_inverse_maps_have_all_their_terms(monkeypatch, shape):
+    """Places that are off, corners that aren't those of an affine map, and rounding away from zero."""
+    rng, d = np.random.default_rng(5), shape.dimension
+    index = np.stack(np.meshgrid(*[[-1.0, 1.0]] * d, indexing="ij"))
+    matrix, origin = np.eye(d) + rng.uniform(-0.3, 0.3, (COUNT, d, d)), rng.uniform(-1, 1, (COUNT, d))
+    straight = np.einsum("nij,j...->ni...", matrix, index) + origin.reshape(COUNT, d, *[1] * d)
+
+    def corners(nets):
+        return np.stack([nets[(slice(None), slice(None), *end)] for end in np.where(shape.vertices > 0, 1, 0)], axis=1)
+
+    # errors of places alone, at their worst corner
+    place_error = rng.uniform(0.1, 0.2, (COUNT, d))
+    maps = prepared.AffineMaps.of(shape, straight, place_error)
+    found = np.abs(np.einsum("sd,nd,ndk->snk", signs(d), place_error, maps.matrix)).max(axis=0)
+    assert maps.holds.all()
+    assert (found <= maps.error * (1 + 1e-12)).all()
+    assert (maps.error <= found * (1 + 1e-9)).all()
+
+    # corners alone
+    monkeypatch.setattr(prepared, "_NEARLY", np.inf)
+    nets = straight + 0.1 * rng.uniform(-1, 1, straight.shape)
+    maps = prepared.AffineMaps.of(shape, nets, np.zeros((COUNT, d)))
+    own = np.einsum("nvd,ndk->nvk", corners(nets) - maps.origin[:, None], maps.matrix)
+    found = np.abs(own - shape.vertices).max(axis=1)
+    assert np.allclose(maps.error, found, rtol=1e-9, atol=1e-13)
+
+    # rounding alone: the difference from the origin, d products and d - 1 sums, and the difference from the vertex
+    monkeypatch.setattr(prepared, "gamma", gamma)
+    maps = prepared.AffineMaps.of(shape, straight, np.zeros((COUNT, d)))
+    away = np.abs(corners(straight) - maps.origin[:, None])
+    size = np.einsum("nvd,ndk->nvk", away, np.abs(maps.matrix)).max(axis=1)
+    counted = size * ((1 + COARSE) ** (d + 1) - 1) + COARSE
+    assert (maps.error >= counted).all()
+    assert (maps.error <= 4 * counted).all()

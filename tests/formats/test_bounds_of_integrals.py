@@ -177,6 +177,17 @@ def roots_of_expansions(rng):
         exact = 2 * product / (steep + np.sqrt(steep**2 - 4 * bend * product))
         yield exact, held
 
+    # c t - m a t - b t^2 = s for |a| <= r, where a start at m r / c would not converge
+    steep, mixed, bend, first = 1.0, rng.uniform(0.9, 1.1, COUNT), 1.5, 0.01
+    coefficients = np.zeros((COUNT, 2, 2, 3))
+    coefficients[:, 0, 0, 1], coefficients[:, 1, 0, 1], coefficients[:, 0, 0, 2] = steep, -mixed, -bend
+    coefficients[:, 0, 1, 0] = first
+    held = root_radii(coefficients, np.full((COUNT, 1), 0.5), np.ones((COUNT, 1)))[:, 0]
+    left = steep - 0.5 * mixed
+    exact = 2 * first / (left + np.sqrt(left**2 - 4 * bend * first))
+    assert (held <= 2 * exact).all()
+    yield exact, held
+
 
 #: functions of leaves x and y
 SMOOTH = ["x+y", "x-y", "2*x", "x*y", "x*x", "x^2", "x/3", "sqrt(x)", "log(x)", "1/x", "sqrt(x*x+y^2)", "1/(3*x^2+y*y)"]

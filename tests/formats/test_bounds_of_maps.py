@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from claims import TEETH, check
+from numpy.polynomial.chebyshev import chebvander
 
 from elvis.core.cores import core_turning
 from elvis.core.cores.core_boxes import Boxes as CoreBoxes
@@ -14,7 +15,9 @@ from elvis.core.cores.core_boxes import _without_walls
 from elvis.core.cores.core_graphs import by_rotation
 from elvis.core.cores.matrix_ranges import Eigenvalue, MatrixRange
 from elvis.core.cores.outer_sides import OuterSides
-from elvis.core.cores.parallel import rotations
+from elvis.core.cores.parallel import ParallelVectors, rotations
+from elvis.core.dataset import Dataset
+from elvis.core.integrals.subcells import subcell_map
 from elvis.core.mapping.enclosure import _Cells, _root_bounds
 from elvis.core.mapping.margins import facets, heights
 from elvis.core.mapping.newton import heights_rounding
@@ -23,7 +26,9 @@ from elvis.core.polynomials.boxnets import on_lattice
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.polynomials.net_zeros import values_of
 from elvis.core.polynomials.rounding import halving_roundings, raising_roundings, value_roundings
+from elvis.core.quantities.element_points import ElementPoints
 from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, curved, grid, ripple
 from elvis.core.validity import descent, determinants, enclosed_determinants, regularity, squares
 from elvis.core.validity.determinants import Polynomials
 
@@ -443,3 +448,48 @@ def test_eigenvalues_are_identified_while_their_range_contains_no_other(trace, p
     radius[0, 1, 0] = x
     nothing = [MatrixRange(0 * middle, 0 * radius)] * 3
     assert Eigenvalue.of(MatrixRange(middle, radius), nothing).is_known[0] == is_known
+
+
+#: places along a line, more than the largest degree
+PLACES = (1 + np.cos(np.pi * (np.arange(30) + 0.5) / 30)) / 2
+
+
+def beyond(values, degree):
+    """Largest Chebyshev coefficient beyond a degree of values (k, m, 30) along lines, relative to the largest value."""
+    table = chebvander(2 * PLACES - 1, len(PLACES) - 1)
+    found = np.linalg.solve(table, values.reshape(-1, len(PLACES)).T)
+    return np.abs(found[degree + 1 :]).max() / np.abs(values).max()
+
+
+@pytest.mark.parametrize("velocity", [["u", "v", "w"], ["u/s", "v/s", "w/s"]], ids=["plain", "over density"])
+@pytest.mark.parametrize("is_affine", [True, False])
+@pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.HEXAHEDRON, Shape.PYRAMID])
+def test_velocity_and_its_gradient_have_the_degrees_of_cores(shape, is_affine, velocity):
+    """Along lines in boxes; gradients on curved elements times the determinant.  Lower degrees are too low."""
+    rng = np.random.default_rng(3)
+    mesh = curved(grid(shape, 1), (lambda p: p) if is_affine else ripple(0.1), 2 if is_affine else 3)
+    waves = rng.uniform(-4, 4, (4, 3))
+    fields = [
+        approximated(Dataset(mesh), name, lambda p, k=k: 2 + np.sin(p @ waves[k] + k), 3 + k // 3)
+        for k, name in enumerate("uvws")
+    ]
+    parallel = ParallelVectors(Dataset(mesh, tuple(fields)), velocity, "acceleration")
+    patch = parallel.evaluator.patches[0]
+
+    lines = np.tile(rng.uniform(0.1, 0.9, (3, 1, 3)), (1, len(PLACES), 1))
+    for axis in range(3):
+        lines[axis, :, axis] = PLACES
+    xi = subcell_map(shape, np.zeros(3 * len(PLACES), int), lines.reshape(-1, 3))[0]
+    places = ElementPoints(patch, np.zeros(len(xi), int), xi)
+    motions = parallel.at(places)
+    factor = 1.0 if is_affine else np.linalg.det(places.jacobians)[:, None, None]
+    own, slope = parallel.degrees(patch, is_affine)
+    # derivatives of curved hexahedra have one degree less in their own direction
+    spare = int(shape is Shape.HEXAHEDRON and not is_affine)
+    for values, degree, lowest in (
+        (motions.above[:, :, None], own, own),
+        (factor * motions.gradient, slope, slope - spare),
+    ):
+        along = np.moveaxis(values.reshape(3, len(PLACES), -1), 1, -1)
+        assert beyond(along, degree) < 1e-13
+        assert shape is Shape.PYRAMID or beyond(along, lowest - 1) > 1e-9

@@ -1,5 +1,6 @@
 """Bounds of Chebyshev models, of nets of expressions and of norms: values lie within them (tests/support/claims.py)."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,6 +12,7 @@ from elvis.core.chebyshev_models import model, series
 from elvis.core.chebyshev_models.model import ChebyshevModel, leibniz
 from elvis.core.chebyshev_models.series import ORDERS, REACH, ROOM, amplification, growth, nodes, steepness
 from elvis.core.differences import difference
+from elvis.core.extrema import Extremum
 from elvis.core.integrals.graph_discs import _height
 from elvis.core.integrals.groups import BoxIntegrals, Compared
 from elvis.core.polynomials.collapse import uncollapse
@@ -238,6 +240,25 @@ def test_errors_of_norms_include_those_of_integrals_and_rounding(monkeypatch):
     assert found.h1_error == pytest.approx(np.sqrt(5.5) - np.sqrt(4.5) + noise)
     assert found.covered == 0.5
     assert found.covered_error == pytest.approx(1.1 / 8)
+
+
+def test_largest_of_several_differences_has_the_largest_bound():
+    """Patches whose difference isn't known don't count, unless it is known on none."""
+    first, second = Extremum(2.0, 2.5, (0.0, 0.0, 0.0), 1), Extremum(1.0, 3.0, (1.0, 0.0, 0.0), 2)
+    unknown = Extremum(np.nan, np.inf, (0.0, 0.0, 0.0), 3)
+    for found in ([first, second], [second, first], [unknown, second, first]):
+        assert difference._greatest_of(found) == replace(first, bound=3.0)
+    assert difference._greatest_of([unknown]) is not unknown
+    assert difference._greatest_of([unknown]).bound == np.inf
+
+
+@pytest.mark.parametrize("part", [0.99, 1.01])
+def test_remarks_name_wide_bounds_unless_all_is_rounding(part):
+    """A thousandth more than the largest difference, where differences exceed 1e-11."""
+    row = SimpleNamespace(field="u", covered=1.0, linf=2.0, bound=2.0 * (1 + part * 1e-3), relative=1.0)
+    assert len([*difference._remarks([row])]) == (part > 1)
+    row.bound, row.relative = 3.0, part * 1e-11
+    assert len([*difference._remarks([row])]) == (part > 1)
 
 
 def test_errors_of_groups_include_rounding_and_moved_surfaces():

@@ -80,6 +80,16 @@ def test_measures_are_off_by_the_slope_of_the_map():
     assert SIZE < abs(value.value - 1) <= value.error < 0.1
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_integrals_are_off_by_fields_and_measures_together(sign):
+    """Of either sign, where both raise the magnitude."""
+    truth = integrate(with_field(grid(Shape.HEXAHEDRON, 1), flow, 3), f"{sign}*u")[0].value
+    data = moved(0, SIZE)
+    data = with_field(data.mesh, lambda points: flow(points / (1 + SIZE)) + 3 * SIZE, 3)
+    found = integrate(recorded(data, place=(2 * SIZE, SIZE), field=(3 * SIZE, 0.0)), f"{sign}*u")[0]
+    assert 0 < abs(found.value - truth) <= found.error < 1.5 * abs(found.value - truth)
+
+
 def test_exact_data_state_no_error():
     truth = with_field(grid(Shape.HEXAHEDRON, 1), flow, 3)
     assert not sample(truth, "u^2", PLACE).errors.any()
