@@ -156,7 +156,7 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
     type=click.IntRange(0),
     metavar="K",
     help="Coefficients of one plane of a Fourier direction, as plane data: 0 the mean, 2k and 2k+1 cosine and sine of "
-    "wave k.",
+    "wave k; numbers as in the file, unless --full rewrites single and half modes.",
 )
 @click.option("--zero-plane", type=click.IntRange(0), metavar="K", help="Set one plane of a Fourier direction to zero.")
 @click.option(
