@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
@@ -99,7 +100,7 @@ class Part:
     points: Floats
     weights: Floats
 
-    @property
+    @cached_property
     def table(self) -> Floats:
         """(q, m) values of the functions at the points."""
         return values(self.target, self.points) @ self.functions
