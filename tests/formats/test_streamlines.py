@@ -430,3 +430,16 @@ def test_a_lattice_on_a_cut_lies_on_it_in_elements():
     assert np.abs((starts - [1, 0.5, 0.5]) @ normal).max() < 1e-13
     gaps = np.linalg.norm(starts[:, None] - starts[None], axis=2)[np.triu_indices(len(starts), 1)]
     assert gaps.min() == pytest.approx(np.sort(gaps)[len(starts) - 1], rel=1e-9)
+
+
+def test_many_lines_are_announced(monkeypatch):
+    from elvis.core.streamlines import course
+
+    bare = Dataset(grid(Shape.QUADRILATERAL, 1))
+    data = Dataset(bare.mesh, tuple(approximated(bare, name, lambda p: 1 + 0 * p[:, 0], 2) for name in "uv"))
+    said = []
+    monkeypatch.setattr(course, "announce", said.append)
+    monkeypatch.setattr(course, "MANY_LINES", 3)
+    for count in (3, 4):
+        course.Flow.of(data, course.Course((f"random:{count}",), length=0.1))
+    assert said == ["following 4 lines; Ctrl-C stops"]

@@ -18,11 +18,14 @@ from elvis.core.streamlines.neighbours import Neighbours
 from elvis.core.streamlines.seeds import seed_points
 from elvis.core.streamlines.tracer import Tracer
 from elvis.core.streamlines.velocity import Velocity
+from elvis.core.terminal import announce
 
 #: directions: signs of the velocity
 DIRECTIONS: Mapping[str, tuple[int, ...]] = {"forward": (1,), "backward": (-1,), "both": (1, -1)}
 #: defaults, relative to the diagonal: error of a step, length of lines, maximum distance of points
 TOLERANCE, LENGTH, SPACING = 1e-12, 10.0, 0.005
+#: number of lines above which it is announced
+MANY_LINES = 2_000
 #: speed below which a point is at rest, relative to the largest speed at the seeds and at the elements' centres
 REST = 1e-10
 
@@ -113,6 +116,8 @@ class Flow:
             velocity, neighbours = own.on_wall(course.wall, course.velocity, others)
         locator = own.locator(velocity)
         seeds = seed_points(own.seed_places(velocity, locator), course.seeds, course.random)
+        if len(seeds) > MANY_LINES:
+            announce(f"following {len(seeds):,} lines; Ctrl-C stops")
         location = locator.locate(seeds)
         limits = limits_of(diagonal(locator), course, REST * _fastest(velocity, location))
         return Flow(velocity, neighbours, locator, location, limits, DIRECTIONS[course.direction])
