@@ -88,7 +88,7 @@ away = "inside"
 A scene file may come from an untrusted source, so its rights are limited:
 
 - It reads data, triangles and colour maps, and names only installed plugins.
-- It writes only `outputs` (`.png`, `.exr`, `.npz`) and `stats` (`.json`), next to the scene file or
+- It writes only `outputs` (`.png`, `.html`, `.npz` and others) and `stats` (`.json`), next to the scene file or
   in folders below. The same holds through links.
 - An existing file that ElVis did not write is replaced only with `--overwrite`.
 

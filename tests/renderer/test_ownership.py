@@ -9,7 +9,7 @@ from elvis.plugins.command import elvis
 from elvis.scene.errors import SceneError
 from elvis.scene.ownership import is_own
 
-NAMES = ("p.png", "axes.png", "p.svg", "p.pdf", "p.exr", "p.npz", "s.json")
+NAMES = ("p.png", "axes.png", "p.svg", "p.pdf", "p.html", "p.exr", "p.npz", "s.json")
 SCENE = 'data = ["m.xml", "m.fld"]\nsize = [12, 8]\ncamera = "front"\ndevice = "reference"\nfield = "u"\n'
 
 

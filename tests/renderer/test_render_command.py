@@ -161,7 +161,10 @@ def test_a_usage_error_is_two(render, options, part):
 @pytest.mark.parametrize(
     ("outputs", "sentence"),
     [
-        (("a.npz", "b.bmp"), "expected a name that ends in .png, .jpg, .jpeg, .svg, .pdf, .exr, .npz, found .bmp"),
+        (
+            ("a.npz", "b.bmp"),
+            "expected a name that ends in .png, .jpg, .jpeg, .svg, .pdf, .html, .exr, .npz, found .bmp",
+        ),
         (("a.npz", "nowhere/b.png"), "there is no folder"),
     ],
 )

@@ -71,7 +71,7 @@ LINK = "a name without links out of the scene's folder"
         ("/tmp/o.png", BESIDE),
         ("out/o.png", LINK),
         ("a.png", LINK),
-        ("o.toml", "a name that ends in .png, .jpg, .jpeg, .svg, .pdf, .exr, .npz"),
+        ("o.toml", "a name that ends in .png, .jpg, .jpeg, .svg, .pdf, .html, .exr, .npz"),
         (".bashrc", "a name that ends in"),
         ("-rf.png", "a name that does not begin with '-'"),
         ("below/-o.png", "a name that does not begin with '-'"),
@@ -82,7 +82,7 @@ LINK = "a name without links out of the scene's folder"
 def test_a_scene_writes_only_to_its_folder_or_below(folder, key, name, expected):
     if key == "stats":
         name = name.replace(".png", ".json")
-        expected = expected.replace(".png, .jpg, .jpeg, .svg, .pdf, .exr, .npz", ".json")
+        expected = expected.replace(".png, .jpg, .jpeg, .svg, .pdf, .html, .exr, .npz", ".json")
         (folder / "a.json").symlink_to(folder.parent / "a.json")
     value = f'["{name}"]' if key == "outputs" else f'"{name}"'
     with pytest.raises(SceneError, match=rf"s\.toml: {key}.*: expected {expected}.*, found '{name}'"):

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from elvis.api.dataset_files import write
     from elvis.api.live_pictures import draw
     from elvis.api.numbers import extrema
-    from elvis.api.version import __version__
     from elvis.converters.blueprint import from_blueprint
     from elvis.converters.handing import to_meshio, to_pyvista
     from elvis.converters.live import from_mfem, from_ngsolve
@@ -35,6 +34,7 @@ if TYPE_CHECKING:
     from elvis.core.shapes import Shape
     from elvis.core.streamlines import TracedLines, trace
     from elvis.core.triangles import SurfaceTriangles, boundary_triangles, level_triangles
+    from elvis.core.version import __version__
     from elvis.core.wall_points import wall_points
     from elvis.plugins.added_quantities import with_quantity
     from elvis.plugins.arrays import from_arrays
@@ -178,7 +178,7 @@ NAMES = {
     "elvis.api.dataset_files": ("write",),
     "elvis.api.live_pictures": ("draw",),
     "elvis.api.numbers": ("extrema",),
-    "elvis.api.version": ("__version__",),
+    "elvis.core.version": ("__version__",),
     "elvis.converters.blueprint": ("from_blueprint",),
     "elvis.converters.handing": (
         "to_meshio",

@@ -360,7 +360,7 @@ class Frame:
         return stream.getvalue()
 
     def save(self, path: str | Path, *, plain: bool = False, outputs: Outputs | None = None) -> None:
-        """Write ``.png`` (with colour bar and title unless ``plain``), ``.exr`` or ``.npz``, by the suffix.
+        """Write ``.png`` (with colour bar and title unless ``plain``), ``.html``, ``.exr`` or ``.npz``, by the suffix.
 
         outputs  set of files to which this one belongs; all replace earlier files at once
         """

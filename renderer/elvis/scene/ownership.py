@@ -14,9 +14,12 @@ from elvis.scene.errors import SceneError
 SOFTWARE = "ElVis"
 #: what the comment of JPEG files says
 JPEG_COMMENT = b"Software: ElVis"
+#: generator of HTML files, before the version
+HTML_GENERATOR = "ElVis"
 #: bytes at the beginning and at the end of a file that are searched for the mark
 SEARCHED = 1 << 14
-#: how the mark looks in each format: a text of PNG, an attribute of EXR, the creator in SVG and PDF, a key of JSON
+#: how the mark looks in each format: a text of PNG, an attribute of EXR, the creator in SVG and PDF, a generator in
+#: HTML, a key of JSON
 MARKS = {
     ".png": b"Software\0ElVis",
     ".jpg": JPEG_COMMENT,
@@ -24,6 +27,7 @@ MARKS = {
     ".exr": b"software\0string\0\5\0\0\0ElVis",
     ".svg": b"<dc:title>ElVis</dc:title>",
     ".pdf": b"/Creator (ElVis)",
+    ".html": f'<meta name="generator" content="{HTML_GENERATOR} '.encode(),
     ".json": b'"software": "ElVis"',
 }
 #: some arrays of a record, by which an archive is known

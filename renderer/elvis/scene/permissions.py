@@ -15,7 +15,9 @@ from elvis.scene.whole import Scene
 JPEG = (".jpg", ".jpeg")
 #: formats that store only pixel colours
 PIXELS = (".png", *JPEG)
-PICTURES = (*PIXELS, ".svg", ".pdf", ".exr", ".npz")
+#: pictures with the values of each pixel, for browsers
+HTML = ".html"
+PICTURES = (*PIXELS, ".svg", ".pdf", HTML, ".exr", ".npz")
 #: suffixes of files that a scene may write, by key
 SUFFIXES = {"outputs": PICTURES, "stats": (".json",)}
 

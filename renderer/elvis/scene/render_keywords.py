@@ -120,9 +120,9 @@ class SharedKeywords(TypedDict, total=False):
     """Phase in degrees at which complex fields are shown: the field E is then the real part of E exp(i phase), and
     phase a number in expressions."""
     outputs: str | Path | Sequence[str | Path] | None
-    """Pictures and records to write: .png, .jpg, .svg, .pdf, .exr, .npz."""
+    """Pictures and records to write: .png, .jpg, .svg, .pdf, .html, .exr, .npz."""
     output: str | Path | Sequence[str | Path] | None
-    """Pictures and records to write: .png, .jpg, .svg, .pdf, .exr, .npz."""
+    """Pictures and records to write: .png, .jpg, .svg, .pdf, .html, .exr, .npz."""
     plain: bool | None
     """Write the bare image without title and colour bar."""
     color: ArrayLike | None
@@ -226,11 +226,11 @@ class SharedKeywords(TypedDict, total=False):
     ssaa: int | None
     """Supersampling: average N x N samples per pixel."""
     filename: str | Path | Sequence[str | Path] | None
-    """Pictures and records to write: .png, .jpg, .svg, .pdf, .exr, .npz."""
+    """Pictures and records to write: .png, .jpg, .svg, .pdf, .html, .exr, .npz."""
     screenshot: str | Path | Sequence[str | Path] | None
-    """Pictures and records to write: .png, .jpg, .svg, .pdf, .exr, .npz."""
+    """Pictures and records to write: .png, .jpg, .svg, .pdf, .html, .exr, .npz."""
     savefig: str | Path | Sequence[str | Path] | None
-    """Pictures and records to write: .png, .jpg, .svg, .pdf, .exr, .npz."""
+    """Pictures and records to write: .png, .jpg, .svg, .pdf, .html, .exr, .npz."""
     timestep: int | None
     """Step of a series, counted from 0, or from the end if negative."""
 

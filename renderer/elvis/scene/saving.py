@@ -1,4 +1,4 @@
-"""Pictures and records as files: PNG, multi-channel EXR, NPZ."""
+"""Pictures and records as files: PNG, HTML, multi-channel EXR, NPZ."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from elvis.scene.figure import needs_figure, save_figure
 from elvis.scene.frame import Frame, Status
 from elvis.scene.ownership import JPEG_COMMENT, SOFTWARE
 from elvis.scene.page import Layout
-from elvis.scene.permissions import JPEG, PICTURES, PIXELS
+from elvis.scene.permissions import HTML, JPEG, PICTURES, PIXELS
 from elvis.scene.png import write_png
 from elvis.scene.whole import VECTORS
 
@@ -63,7 +63,9 @@ def save(frame: Frame, path: Path, *, plain: bool = False, outputs: Outputs | No
                 with temporary.open("wb") as stream:
                     save_png(frame, stream, plain=plain)
             case suffix if suffix in JPEG:
-                _save_jpeg(frame, temporary, lambda stream: _save_pixels(frame, stream, plain))
+                _save_jpeg(frame, temporary, lambda stream: save_pixels(frame, stream, plain=plain))
+            case suffix if suffix == HTML:
+                save_web_page([frame], temporary, plain=plain)
             case ".exr":
                 _save_exr(frame, temporary)
             case _:
@@ -71,11 +73,23 @@ def save(frame: Frame, path: Path, *, plain: bool = False, outputs: Outputs | No
                     np.savez_compressed(stream, **arrays(frame))
 
 
-def _save_pixels(frame: Frame, stream: BinaryIO, plain: bool) -> Layout:
-    """Write the picture as PNG, with a figure around it where the scene asks for one."""
+def save_pixels(frame: Frame, stream: BinaryIO, *, plain: bool) -> Layout:
+    """Write the picture as PNG, with a figure around it where the scene asks for one; where things lie on it."""
     if needs_figure(frame, ".png"):
         return save_figure([frame], stream, ".png", plain=plain)
     return save_png(frame, stream, plain=plain)
+
+
+def save_web_page(frames: Sequence[Frame], path: Path, names: Sequence[str] = (), *, plain: bool = False) -> None:
+    """Write one HTML file of a scene from one or several directions, which have names."""
+    from elvis.scene.web_page import web_page
+
+    pictures = []
+    for frame in frames:
+        stream = BytesIO()
+        layout = save_pixels(frame, stream, plain=plain)
+        pictures.append((stream.getvalue(), layout))
+    path.write_text(web_page(frames, pictures, names), encoding="utf-8", newline="\n")
 
 
 def _save_jpeg(frame: Frame, path: Path, make: Callable[[BinaryIO], object]) -> None:

@@ -482,7 +482,7 @@ class Scene(Model):
     outputs: Annotated[
         tuple[FilePath, ...],
         Setting(
-            "Pictures and records to write: .png, .jpg, .svg, .pdf, .exr, .npz.",
+            "Pictures and records to write: .png, .jpg, .svg, .pdf, .html, .exr, .npz.",
             option="--output -o",
             repeatable=True,
             default="the name of the scene or the first file, .png",

@@ -31,14 +31,10 @@ def file_of(frame: Frame, suffix: str) -> bytes:
 
 def lossless(frame: Frame) -> tuple[bytes, Layout]:
     """The PNG file that ``elvis render`` writes, and where things lie on it."""
-    from elvis.scene.figure import needs_figure, save_figure
-    from elvis.scene.saving import save_png
+    from elvis.scene.saving import save_pixels
 
-    stream, scene = BytesIO(), frame.scene
-    if needs_figure(frame, ".png"):
-        layout = save_figure([frame], stream, ".png", plain=scene.plain)
-    else:
-        layout = save_png(frame, stream, plain=scene.plain)
+    stream = BytesIO()
+    layout = save_pixels(frame, stream, plain=frame.scene.plain)
     return stream.getvalue(), layout
 
 

@@ -1266,7 +1266,7 @@ class Viewer {
     this.perspectiveButton = button("perspective", "Perspective or parallel view", () => this.look((camera) => projected(camera, !camera.fov)));
     for (const one of [this.proofButton, this.lineButton, this.freeButton, this.perspectiveButton]) one.ariaPressed = "false";
     this.saving = make("select", { "aria-label": "save", onchange: (e) => this.save(e.target) },
-      ...["save…", "picture .png", "figure .svg", "figure .pdf", "record .npz", "record .exr", "scene .toml", "scene .yaml", "copy command", "copy Python", ...(this.model.restore ? ["copy link"] : [])].map((text) => make("option", {}, text)));
+      ...["save…", "picture .png", "figure .svg", "figure .pdf", "page .html", "record .npz", "record .exr", "scene .toml", "scene .yaml", "copy command", "copy Python", ...(this.model.restore ? ["copy link"] : [])].map((text) => make("option", {}, text)));
     const turnTo = (view) => {
       this.camera = null;
       this.refit = false;
@@ -2198,7 +2198,7 @@ class Viewer {
     replace.hidden = true;
     field.addEventListener("input", () => { replace.hidden = true; });
     field.addEventListener("keydown", (e) => e.key === "Enter" && write(false));
-    const told = make("p", {}, "Picture, record or scene in the folder of the data or below: .png, .svg, .pdf, .exr, .npz, .toml, .yaml");
+    const told = make("p", {}, "Picture, record or scene in the folder of the data or below: .png, .svg, .pdf, .html, .exr, .npz, .toml, .yaml");
     this.dialog.replaceChildren(told, field, note,
       make("div", { className: "elvis-buttons" }, button("write", () => write(false)), replace, button("close", () => this.dialog.close())));
     this.dialog.showModal();
