@@ -183,6 +183,27 @@ def gradients_on_stretched_elements(rng):
         yield np.abs(ends - middle).max(keepdims=True), radius
 
 
+def gradients_on_elements_stretched_at_one_end(rng):
+    """x = p - n p^3 / 3 on [0, 1]: the field p has the derivative 1 / (1 - n p^2), whose net is far below its mean."""
+    for stretch in (0.5, 0.8, 0.9):
+        mesh = curved(grid(Shape.QUADRILATERAL, 1), lambda p, n=stretch: p - n / 3 * p**3 * [1.0, 0, 0], 4)
+        dataset = with_field(mesh, lambda x, n=stretch: roots_of(n, x[:, 0]), 2)
+        (patch,) = patches(dataset, ("u",))
+        cells = Cells.of(patch, ["u"], None, np.arange(1), True)
+        low, high = cells._gradient(0, 0)
+        middle, radius = (low + high) / 2, (high - low) / 2
+        ends = np.array([1.0, 1 / (1 - stretch)])
+        yield np.abs(ends - middle).max(keepdims=True), radius
+
+
+def roots_of(stretch, x):
+    """P with p - n p^3 / 3 = x, by Newton's method."""
+    p = x
+    for _ in range(30):
+        p = p - (p - stretch / 3 * p**3 - x) / (1 - stretch * p**2)
+    return p
+
+
 def shares_near_zero(rng):
     """The part of [0, 1] or of the square where a polynomial is within something of zero."""
     places = np.linspace(0, 1, 2001)
@@ -267,6 +288,7 @@ CLAIMS = [
     slopes_of_graphs_of_eigenvalues,
     differences_of_nets,
     gradients_on_stretched_elements,
+    gradients_on_elements_stretched_at_one_end,
     shares_near_zero,
     boxes_in_single_precision,
     boxes_without_rounding,
@@ -429,6 +451,14 @@ def test_bounds_include_boxes_left_after_the_last_round(monkeypatch):
         found = bounding.quantity_range(dataset, Expression.of(dataset, text))
         assert (found.lower <= -1) if sign else (found.upper >= 1)
         assert max(-found.minimum, found.maximum) < 0.5
+
+
+def test_boxes_with_the_largest_bounds_are_bisected_first(monkeypatch):
+    """If only 16 are kept, these are the ones next to the maximum, in a corner."""
+    monkeypatch.setattr(bounding, "_NUMBERS", 1)
+    dataset = Dataset(grid(Shape.QUADRILATERAL, 1))
+    found = bounding.quantity_range(dataset, Expression.of(dataset, "x*(2 - x)*y*(2 - y)"))
+    assert 1 <= found.upper < 1.1
 
 
 def test_sizes_of_functions_do_not_depend_on_signs():

@@ -12,7 +12,7 @@ from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.bounding import quantity_range
 from elvis.core.quantities.evaluator import Evaluator, Sampler
 from elvis.core.quantities.functions import FUNCTIONS, OPERATORS
-from elvis.core.quantities.tree import leaves, partial
+from elvis.core.quantities.tree import MEASURES, leaves, measure_name, measured_of, partial
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, scattered
 
@@ -307,6 +307,13 @@ def test_ideal_elements_have_quality_one(shape):
     for patch, rows, reference, _ in places(evaluator, 5):
         values = evaluator.values(evaluator.expressions[0], patch, rows, reference)
         assert np.allclose(values, 1) if shape is not Shape.PYRAMID else (values > 0.9).all()
+
+
+def test_names_of_measures_contain_their_function_and_field():
+    for function in MEASURES:
+        assert measured_of(measure_name(function, "rho_e")) == (function, "rho_e")
+    assert measured_of("rho_e") is None
+    assert measured_of("quality(rho_e)") is None
 
 
 @pytest.mark.parametrize("kind", [*MESHES, "line"])

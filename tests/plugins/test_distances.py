@@ -53,6 +53,59 @@ def test_distances_and_their_gradients_match_those_of_numpy(renderer, file, shap
     assert np.abs(found.position - found.value[:, None] * gradient - place).max() < UNIT
 
 
+def notched(points, bend):
+    """The unit square or cube with an acute notch from x = 0, turned and shifted so that coordinates are rounded."""
+    x, y, z = points.T
+    depth = 0.8 * (1 - x) * (1 - np.abs(2 * y - 1))
+    cosine, sine = np.cos(0.3), np.sin(0.3)
+    u, v = x + depth, y + bend * depth * np.sin(np.pi * y)
+    return np.stack([cosine * u - sine * v + 0.1 * z, sine * u + cosine * v + 0.2 * z, z], axis=1)
+
+
+@pytest.fixture(scope="module")
+def spike(tmp_path_factory):
+    """A closed body with a tip at the middle of the unit cube, one wall of which is cut into many slivers."""
+    line = np.linspace(-1, 1, 9)
+    base = np.array([*((-0.25, y, -1.0) for y in line), (0.6, 1.0, -1.0), (0.6, -1.0, -1.0)])
+    vertices = np.array([*(base * (0.5, 0.5, 1.5)), (0, 0, 0), (0, 0, -1.5)]) + 0.5
+    count = len(base)
+    walls = [[(k + 1) % count, count, k] for k in range(count)]
+    floor = [[k, count + 1, (k + 1) % count] for k in range(count)]
+    path = tmp_path_factory.mktemp("bodies") / "spike.ply"
+    trimesh.Trimesh(vertices, walls + floor, process=False).export(path)
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    ("shape", "bend"), [(Shape.QUADRILATERAL, 0.1), (Shape.HEXAHEDRON, 0.1), (Shape.HEXAHEDRON, 0.0)]
+)
+def test_points_near_acute_notches_are_inside(renderer, shape, bend):
+    """Their nearest place is on two or more patches, and may lie behind one of them."""
+    mesh = curved(grid(shape, 2), lambda points: notched(points, bend), n=4 if bend else 2)
+    dataset, drawing = with_field(mesh), renderer("vulkan")
+    assert (check_signs(dataset, drawing, "distance(all)", shape) < 0).all()
+
+
+def test_points_near_tips_with_slivers_are_outside(renderer, spike):
+    """The angles of faces at the tip weigh their normals."""
+    dataset, drawing = with_field(grid(Shape.HEXAHEDRON, 2)), renderer("vulkan")
+    assert (check_signs(dataset, drawing, f"distance('{spike}')", Shape.HEXAHEDRON) > 0).mean() > 0.95
+
+
+def check_signs(dataset, drawing, text, shape):
+    """Distances inside of elements, with their signs, match those of NumPy."""
+    (part,) = volume_of(dataset, [text]).parts
+    drawing.show(volume_of(dataset, [text]))
+    reference, elements = np.zeros((400, 3)), np.resize(np.arange(len(part)), 400)
+    reference[:, : shape.dimension] = 0.999 * scattered(shape, 400, seed=2)
+    centre = drawing.sample_elements(0, elements[:1], reference[:1]).center
+    found = drawing.sample_elements(0, elements, reference - centre, text).value
+    expression = Expression.of(dataset, text)
+    truth = Evaluator(dataset, [expression]).at(expression, part.element_ids[elements], reference)
+    assert np.abs(found - truth).max() < VALUE * np.abs(truth).max()
+    return found
+
+
 def test_the_surface_at_a_distance_of_a_plane_is_parallel_to_it(tmp_path, renderer):
     corners = np.array([[-9, -9, 0.1], [9, -9, 0.1], [9, 9, 0.4], [-9, 9, 0.4]], np.float64)
     trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3]]).export(tmp_path / "plane.obj")
