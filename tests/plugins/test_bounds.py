@@ -10,6 +10,8 @@ import pytest
 from claims import TEETH, check
 from numpy.polynomial import chebyshev
 
+from elvis.core.distances.search import _angle
+from elvis.core.distances.surface_patches import CORNERS
 from elvis.core.polynomials.bernstein import BernsteinSpace
 from elvis.core.shapes import Shape
 from elvis.plugins.native import elements, polynomials
@@ -203,6 +205,25 @@ def exponential(rates, degree, size=1.0):
     a, b = rates
     terms = [a**i * b ** (k - i) for k in range(1, degree + 1) for i in range(k, -1, -1)]
     return [*(np.array(terms) * size), 0.3, *[0] * 8]
+
+
+@pytest.mark.parametrize("corners", [2, 3, 4])
+def test_angles_of_faces_match_those_of_numpy(stated, corners):
+    """At corners, on sides and within patches that are a part of their face: any of these may lie on its border."""
+    rng = np.random.default_rng(corners)
+    ends = CORNERS[corners]
+    places = np.concatenate([ends, (ends + np.roll(ends, -1, axis=0)) / 2, ends.mean(axis=0, keepdims=True)])
+    places = np.repeat(places, 40, axis=0)
+    tangents = rng.normal(size=(len(places), 4))
+    border = rng.integers(1 << 2 * 4, size=len(places))
+    found = stated(9, places, tangents, np.column_stack([np.full(len(places), corners), border]))
+    along, across = (np.pad(own, ((0, 0), (0, 1))) for own in np.split(tangents, 2, axis=1))
+    patches = SimpleNamespace(corners=corners, outer=border)
+    expected = _angle(patches, np.arange(len(places)), places, along, across)
+    within = expected > np.pi
+    assert (found[within] > np.pi).all()
+    # arc tangents are in single precision, of 4096 units as Vulkan allows
+    assert np.abs(found - expected)[~within].max() < 4096 * 2.0**-23
 
 
 def test_derivatives_of_patches_along_their_sides_are_within_their_bounds(stated):
