@@ -11,6 +11,9 @@ from PIL import Image
 
 import elvis
 from elvis import Status
+from elvis.core.errors import ElvisError
+from elvis.plugins.command import elvis as command
+from elvis.scene.files import write_scene
 from elvis.scene.web_page import _narrow
 
 READ_OUT = re.compile(r"(.*) = (\S+)  at \((.*), (.*), (.*)\)  element (\d+)  (\w+)  pixel (\d+), (\d+)")
@@ -124,6 +127,46 @@ def test_texts_of_the_data_are_harmless(frame, show, tmp_path):
     text = page.locator("pre").text_content()
     assert 'data = ["<pre>&.xml"]' in text
     assert "secret" not in (tmp_path / "a.html").read_text(encoding="utf-8")
+
+
+def test_a_slider_turns_the_scene(wave, show, tmp_path):
+    """Each of four directions shows the values of its own record; all have one scale."""
+    path = tmp_path / "a.html"
+    options = ("--field", "u", "--faces", "all", "--camera", "iso", "--size", "60x50", "--directions", "4")
+    command.main(["render", *wave, *options, "-o", str(path)], prog_name="elvis", standalone_mode=False)
+    page = show(path)
+    dataset = elvis.read(*wave)
+    page.focus("#direction")
+    for number in range(4):
+        page.wait_for_function(f"current === {number} && unpacked[{number}]")
+        assert page.inner_text("#angle") == f"{90 * number}°"
+        assert page.locator("#picture img:visible").count() == 1
+        page.mouse.move(*place_of(page, 30, 25))
+        value, *place = READ_OUT.fullmatch(page.inner_text("#told")).groups()[1:5]
+        # rounding may move the point out of the data: a little inwards
+        x, y, z = 0.5 + (np.array(place, float) - 0.5) * (1 - 1e-5)
+        assert abs(dataset["u"](x, y, z) - float(value)) <= 1e-4
+        page.keyboard.press("ArrowRight")
+
+    # iso looks along (-1, -1, -1): quarter turns about z, and the same size of a pixel
+    forward = np.array(page.evaluate("views.map((view) => view.rays.forward)"))
+    assert np.allclose(forward * np.sqrt(3), [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1]])
+    steps = np.linalg.norm(page.evaluate("views.map((view) => view.rays.column)"), axis=1)
+    assert np.ptp(steps) <= 1e-12
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["-o", "a.png"], "--directions: expected outputs that end in .html, found a.png"),
+        (["--panels", "1x2", "-o", "a.html"], "--directions: expected one scene, found --panels"),
+    ],
+)
+def test_directions_need_one_scene_and_a_page(scene, tmp_path, options, sentence):
+    write_scene(scene, tmp_path / "s.toml")
+    data = [str(tmp_path / "s.toml")] * (1 + options.count("--panels"))
+    with pytest.raises(ElvisError, match=re.escape(sentence)):
+        command.main(["render", *data, "--directions", "4", *options], prog_name="elvis", standalone_mode=False)
 
 
 def test_numbers_beyond_four_bytes_take_eight():

@@ -80,6 +80,15 @@ def save_pixels(frame: Frame, stream: BinaryIO, *, plain: bool) -> Layout:
     return save_png(frame, stream, plain=plain)
 
 
+def save_directions(
+    frames: Sequence[Frame], path: Path, *, plain: bool = False, outputs: Outputs | None = None
+) -> None:
+    """Write one HTML file of a scene from directions at equal angles."""
+    names = [f"{360.0 * number / len(frames):.4g}°" for number in range(len(frames))]
+    with replacing(path, outputs) as temporary:
+        save_web_page(frames, temporary, names, plain=plain)
+
+
 def save_web_page(frames: Sequence[Frame], path: Path, names: Sequence[str] = (), *, plain: bool = False) -> None:
     """Write one HTML file of a scene from one or several directions, which have names."""
     from elvis.scene.web_page import web_page

@@ -60,6 +60,7 @@ Examples:
   elvis render wing.xml wing.fld --field p --plane 0,0,0:0,0,1 --camera 3,-4,2:0,0,0:0,0,1:30 -o view.png
   elvis render wing.xml wing.fld --faces all --save-scene wing.toml -o wing.png
   elvis render wing.xml wing.fld --plane 0,0,0.2:0,0,1 --contours 10:labels --axes --bar unit=Pa,bands=8 -o wing.pdf
+  elvis render wing.xml wing.fld --faces wall --camera iso --directions 12 -o wing.html
   elvis render a.toml b.toml c.toml d.toml --panels 2x2 -o four.svg
   elvis render wing.toml --samples 3 --set objects[0].style.opacity=0.5 -o smooth.png
 """
@@ -70,6 +71,12 @@ Examples:
 )
 @click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="[SCENE] DATA...")
 @setting_option
+@click.option(
+    "--directions",
+    type=click.IntRange(2, 360),
+    metavar="N",
+    help="Views of an .html output, at equal angles around the up axis of the camera.",
+)
 @click.option("--save-scene", type=OUTPUT, help="Write the scene that was drawn as .toml, .yaml or .json.")
 @overwrite_option
 @cache_option
@@ -78,6 +85,7 @@ def render(
     ranks: Ranks,
     data: tuple[Path, ...],
     settings: tuple[tuple[str, str], ...],
+    directions: int | None,
     save_scene: Path | None,
     overwrite: bool,
     no_cache: bool,
@@ -88,7 +96,7 @@ def render(
     Without --output the picture is named after the scene or the first file, in the current folder, with a number if
     that name is taken.  A scene file (.toml, .yaml, .json) can contain all settings of the options and name the data.
     """
-    from elvis.core.terminal import note, say
+    from elvis.core.terminal import note, say, warn
     from elvis.renderer.bricks import peak_note
     from elvis.renderer.series_range import with_range
     from elvis.scene.commandline.composing import composed, outputs_of_file, panels
@@ -96,25 +104,32 @@ def render(
 
     scene = composed(data, options, settings)
     is_named = bool(scene.outputs)
-    scene = scene if is_named else replace(scene, outputs=(_free_name(data, overwrite),))
+    suffix = ".html" if directions else ".png"
+    scene = scene if is_named else replace(scene, outputs=(_free_name(data, overwrite, suffix),))
     _check_places(scene, data, save_scene, overwrite)
+    if directions:
+        _check_directions(scene, ranks)
     if not overwrite:
         check_own(outputs_of_file(scene, data, options, settings))
     scenes = tuple(with_range(each, not no_cache, ranks=ranks) for each in panels(scene))
     opened = _opened(scenes, not no_cache, ranks)
+    if directions:
+        scenes = _turned(scenes[0], opened[_key(scenes[0])], directions)
     frames, notes = _frames(scenes, opened, ranks)
     if ranks.rank:
         return
     _write(frames, scene, save_scene)
     for frame in frames:
-        _report(frame, notes)
+        _report_counts(frame)
+    for remark in dict.fromkeys(remark for frame in frames for remark in frame.remarks):
+        (note if remark in notes else warn)(remark)
     if peak := peak_note(scenes[0]):
         note(peak)
     if not is_named:
         say(f"wrote {scene.outputs[0]}")
 
 
-def _free_name(data: tuple[Path, ...], overwrite: bool) -> str:
+def _free_name(data: tuple[Path, ...], overwrite: bool, suffix: str) -> str:
     """The picture where none is named: in the current folder, after the scene or the first file; nothing stands there.
 
     overwrite  whether something may
@@ -125,7 +140,7 @@ def _free_name(data: tuple[Path, ...], overwrite: bool) -> str:
 
     first = next(filter(is_scene_file, data), data[0])
     stem = Path(os.path.basename(os.path.abspath(first)).removesuffix(".gz")).stem
-    names = (f"{stem}.png" if number == 1 else f"{stem}-{number}.png" for number in count(1))
+    names = (f"{stem}{suffix}" if number == 1 else f"{stem}-{number}{suffix}" for number in count(1))
     return next(name for name in names if overwrite or not os.path.lexists(name))
 
 
@@ -144,6 +159,40 @@ def _check_places(scene: Scene, data: tuple[Path, ...], save_scene: Path | None,
         scene_text(scene, save_scene)
     written = [place for place in (*scene.outputs, scene.stats, save_scene) if place]
     check_places(written, [*inputs(data, scene.plugin), *input_files(scene)], overwrite)
+
+
+def _check_directions(scene: Scene, ranks: Ranks) -> None:
+    """ElvisError if a scene can't be drawn from several directions."""
+    from elvis.core.errors import ElvisError
+    from elvis.scene.permissions import HTML
+
+    if ranks.size > 1:
+        raise ElvisError(f"--directions: expected one process, found {ranks.size}")
+    if scene.scenes:
+        raise ElvisError("--directions: expected one scene, found --panels")
+    for output in scene.outputs:
+        if Path(output).suffix.lower() != HTML:
+            raise ElvisError(f"--directions: expected outputs that end in {HTML}, found {output}")
+
+
+def _turned(scene: Scene, opened: Opened, count: int) -> tuple[Scene, ...]:
+    """A scene from directions around the up axis of its camera; fitted cameras have one scale, at which all is seen."""
+    from elvis.renderer.animation import orbited
+    from elvis.renderer.rendering import Pictures
+    from elvis.scene.fitting import LARGEST, is_given
+    from elvis.scene.view import named_camera
+
+    sized = replace(scene, size=scene.size or LARGEST)
+    # cameras that face a plane would see it edge-on: fit is iso here
+    start = named_camera(scene.camera, None) if isinstance(scene.camera, str) else scene.camera
+    cameras = [orbited(start, 360.0 * number / count) for number in range(count)]
+    if not is_given(scene.camera):
+        free = [replace(camera, height=None) for camera in cameras]
+        with Pictures(opened, scene.device) as pictures:
+            fitted = [pictures.camera(replace(sized, camera=camera)) for camera in free]
+        height = max(camera.height or 0.0 for camera in fitted)
+        cameras = [replace(camera, height=height) for camera in fitted]
+    return tuple(replace(sized, camera=camera) for camera in cameras)
 
 
 def _opened(scenes: tuple[Scene, ...], is_kept: bool, ranks: Ranks) -> dict[object, Opened]:
@@ -179,12 +228,12 @@ def _frames(scenes: tuple[Scene, ...], opened: dict[object, Opened], ranks: Rank
         # other devices draw all rows at once, for the first rank
         chosen = [not other_device(scene.device) for scene in scenes]
         data, scenes = list(compress(data, chosen)), tuple(compress(scenes, chosen))
-    frames = [_frame(own, scene, ranks) for own, scene in zip(data, scenes, strict=True)]
+    frames = _drawn(data, scenes, ranks)
     if is_several:
         shared = ranks.exchange(None if ranks.rank else in_one_range(frames), "a range")[0]
         if shared is not None:
             scenes = tuple(replace(scene, range=shared) for scene in scenes)
-            frames = [_frame(own, scene, ranks) for own, scene in zip(data, scenes, strict=True)]
+            frames = _drawn(data, scenes, ranks)
     every = [own.dataset if isinstance(own, RankPart | Bricks) else own for own in opened.values()]
     datasets = [own for own in every if not isinstance(own, PluginData)]
     rates = [own.rates.remark for own in datasets if own.rates is not None]
@@ -211,13 +260,21 @@ def _open(
     return opening(tuple(map(Path, data)), reading_for(scenes, is_kept), warn)
 
 
-def _frame(opened: Opened, scene: Scene, ranks: Ranks) -> Frame:
-    """A picture of the data."""
+def _drawn(data: list[Opened], scenes: tuple[Scene, ...], ranks: Ranks) -> list[Frame]:
+    """The pictures of scenes, each of its data; neighbours of the same data share them on the device."""
+    from itertools import groupby
+
     from elvis.core.terminal import progress
     from elvis.renderer.rendering import Pictures
 
-    with progress("drawing") as told, Pictures(opened, scene.device, told, ranks) as pictures:
-        return pictures.draw(scene)
+    frames = []
+    pairs = zip(data, scenes, strict=True)
+    for _, group in groupby(pairs, key=lambda pair: (id(pair[0]), pair[1].device)):
+        alike = list(group)
+        opened, first = alike[0]
+        with progress("drawing") as told, Pictures(opened, first.device, told, ranks) as pictures:
+            frames += [pictures.draw(scene) for _, scene in alike]
+    return frames
 
 
 def _write(frames: list[Frame], scene: Scene, save_scene: Path | None) -> None:
@@ -228,7 +285,7 @@ def _write(frames: list[Frame], scene: Scene, save_scene: Path | None) -> None:
     from elvis.core.terminal import warn
     from elvis.scene.files import write_scene
     from elvis.scene.ownership import SOFTWARE
-    from elvis.scene.saving import save_panels
+    from elvis.scene.saving import save_directions, save_panels
 
     frame = frames[0]
     left_out: tuple[str, ...] = ()
@@ -236,10 +293,14 @@ def _write(frames: list[Frame], scene: Scene, save_scene: Path | None) -> None:
         for output in scene.outputs:
             if scene.scenes:
                 save_panels(frames, Path(output), plain=scene.plain, outputs=outputs)
+            elif len(frames) > 1:
+                save_directions(frames, Path(output), plain=scene.plain, outputs=outputs)
             else:
                 frame.save(output, plain=scene.plain, outputs=outputs)
         if scene.stats:
-            told = {"panels": [one.stats for one in frames]} if scene.scenes else frame.stats
+            key = "panels" if scene.scenes else "directions"
+            is_several = scene.scenes or len(frames) > 1
+            told = {key: [one.stats for one in frames]} if is_several else frame.stats
             write_text(scene.stats, json.dumps({"software": SOFTWARE, **told}, indent=2) + "\n", outputs)
         if save_scene:
             size = (frame.view.width, frame.view.height)
@@ -249,9 +310,9 @@ def _write(frames: list[Frame], scene: Scene, save_scene: Path | None) -> None:
         warn(f"{save_scene}: {key} is omitted, as a scene file may not contain it; give it as an option again")
 
 
-def _report(frame: Frame, known: Sequence[str]) -> None:
-    """Print warnings, and notes on the data; on a terminal also the status counts of the pixels."""
-    from elvis.core.terminal import note, warn
+def _report_counts(frame: Frame) -> None:
+    """Print warnings about pixels; on a terminal also their status counts."""
+    from elvis.core.terminal import warn
 
     counts = frame.counts()
     shown = max(1, sum(counts[name] for name in ("certain", "ambiguous", "failed")))
@@ -265,7 +326,5 @@ def _report(frame: Frame, known: Sequence[str]) -> None:
     if counts["not_a_number"]:
         end = ", or lie outside the other data" if frame.scene.others else ""
         warn(f"{counts['not_a_number']} pixels, in magenta, have values that are not finite{end}")
-    for remark in frame.remarks:
-        (note if remark in known else warn)(remark)
     if sys.stderr.isatty():
         click.echo(", ".join(f"{counts[name]} pixels {name}" for name in ("certain", "ambiguous", "failed")), err=True)
