@@ -52,7 +52,7 @@ def show(browser):
         page.on("request", lambda request: request.url.startswith("data:") or requests.append(request.url))
         requests = []
         page.goto(path.as_uri())
-        page.wait_for_selector("#picture[data-ready]")
+        page.wait_for_selector("#picture[data-shown='0']")
         assert requests == [path.as_uri()]
         return page
 
@@ -118,12 +118,14 @@ def test_proof_marks_the_pixels_that_are_not_certain(frame, show, tmp_path):
 def test_texts_of_the_data_are_harmless(frame, show, tmp_path):
     """Names and titles may be elements of HTML, close scripts, or look like marks of the template."""
     title = f"</title></script>@@SCENE@@{frame.scene.field}"
-    hostile = replace(frame, scene=replace(frame.scene, title=title, data=("secret/<pre>&.xml",)))
+    hostile = replace(frame, scene=replace(frame.scene, field=title, title=title, data=("secret/<pre>&.xml",)))
     hostile.save(tmp_path / "a.html")
     page = show(tmp_path / "a.html")
     assert page.title() == page.inner_text("h1") == title
     assert page.locator("img").count() == 1
     assert page.locator("script").count() == 2
+    page.mouse.move(*place_of(page, 100, 85))
+    assert page.inner_text("#told").startswith(f"{title} = ")
     text = page.locator("pre").text_content()
     assert 'data = ["<pre>&.xml"]' in text
     assert "secret" not in (tmp_path / "a.html").read_text(encoding="utf-8")
@@ -138,7 +140,7 @@ def test_a_slider_turns_the_scene(wave, show, tmp_path):
     dataset = elvis.read(*wave)
     page.focus("#direction")
     for number in range(4):
-        page.wait_for_function(f"current === {number} && unpacked[{number}]")
+        page.wait_for_selector(f"#picture[data-shown='{number}']")
         assert page.inner_text("#angle") == f"{90 * number}°"
         assert page.locator("#picture img:visible").count() == 1
         page.mouse.move(*place_of(page, 30, 25))

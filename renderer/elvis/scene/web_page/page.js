@@ -119,6 +119,7 @@ async function turnTo(number) {
   if (current !== number) return;
   prove();
   show();
+  figure.dataset.shown = number;
 }
 
 for (const kind of ["pointerdown", "pointermove"]) {
@@ -151,4 +152,4 @@ find("proof").addEventListener("change", prove);
 find("direction").addEventListener("input", (event) => turnTo(Number(event.target.value)));
 find("turning").hidden = views.length < 2;
 find("direction").max = views.length - 1;
-turnTo(0).then(() => { figure.dataset.ready = "yes"; }, (error) => { told.textContent = `This browser cannot unpack the values: ${error.message}`; });
+turnTo(0).catch((error) => { told.textContent = `This browser cannot unpack the values: ${error.message}`; });
