@@ -247,6 +247,17 @@ def test_pictures_are_saved_in_any_size(page, viewer, tmp_path):
     page.locator("dialog").wait_for(state="hidden")
 
 
+def test_a_page_for_others_is_saved(page, viewer, tmp_path):
+    """The same file as that of elvis render."""
+    page.get_by_label("save", exact=True).select_option("page .html")
+    for name, value in (("width", "97"), ("height", "61")):
+        page.locator("dialog").get_by_label(name).fill(value)
+    with page.expect_download() as started:
+        page.locator("dialog button", has_text="save").click()
+    render(scene=replace(viewer.session.current, size=(97, 61), samples=1)).save(tmp_path / "own.html")
+    assert Path(started.value.path()).read_bytes() == (tmp_path / "own.html").read_bytes()
+
+
 def test_proof_is_shown_in_grey_until_it_is_not(page, viewer):
     exact = picture(viewer)
     proof = page.get_by_role("button", name="proof")
