@@ -18,7 +18,7 @@ from elvis.core.distances.sides import _gaps
 from elvis.core.extrema import Nets
 from elvis.core.integrals import along_curves, integrate, level_error
 from elvis.core.integrals.level_discs import LevelDiscs
-from elvis.core.integrals.touching import _shares
+from elvis.core.integrals.touching import _bounds, _shares
 from elvis.core.mapping.boxes import ROUNDINGS, outward
 from elvis.core.mapping.enclosure import hulls
 from elvis.core.mapping.inverse import Status, invert
@@ -33,11 +33,12 @@ from elvis.core.polynomials.rounding import coefficient_rounding
 from elvis.core.quantities import Expression, bounding
 from elvis.core.quantities.cells import Cells
 from elvis.core.quantities.evaluator import _sized
+from elvis.core.ranges import Range
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, with_field
 from elvis.core.validity import squares
 from elvis.core.validity.squares import lower_bound
-from elvis.core.validity.validity import ValidityStatus, _Facts
+from elvis.core.validity.validity import Validity, ValidityStatus, _Facts, _widest
 
 COUNT, SAMPLES = 60, 200
 
@@ -215,6 +216,19 @@ def shares_near_zero(rng):
         yield counted, np.minimum(_shares(nets, within), 1.0) + 2e-2 * (len(sizes) - 1) + 1e-3
 
 
+def shares_of_parabolas(rng):
+    """a (t - m)^2 - w is within w of zero on a width of 2 sqrt(2 w / a), in any degree."""
+    steep, within = rng.uniform(1, 2, COUNT), rng.uniform(0.01, 0.05, COUNT)
+    middle = rng.uniform(0.4, 0.6, COUNT)
+    quadratic = np.stack([middle**2, middle**2 - middle, (1 - middle) ** 2], axis=1)
+    nets = steep[:, None] * quadratic - within[:, None]
+    cubic = np.stack(
+        [nets[:, 0], (nets[:, 0] + 2 * nets[:, 1]) / 3, (2 * nets[:, 1] + nets[:, 2]) / 3, nets[:, 2]], axis=1
+    )
+    for own in (nets, cubic):
+        yield 2 * np.sqrt(2 * within / steep), _bounds(own, within)[1] * (1 + 1e-12)
+
+
 def boxes_in_single_precision(rng):
     """Of corners of all sizes: what their coordinates may be off by lies within, in exact comparison."""
     low = rng.uniform(-1, 1, (20_000, 3)) * 10.0 ** rng.uniform(-30, 30, (20_000, 1))
@@ -290,6 +304,7 @@ CLAIMS = [
     gradients_on_stretched_elements,
     gradients_on_elements_stretched_at_one_end,
     shares_near_zero,
+    shares_of_parabolas,
     boxes_in_single_precision,
     boxes_without_rounding,
     hulls_of_elements,
@@ -480,6 +495,9 @@ def test_sides_shared_up_to_rounding_leave_no_gap(shift):
     triangles[1] += 1e-14
     gaps = _gaps(triangles, np.full(2, 0.1))
     assert sorted(gaps.reshape(-1).tolist()) == [0.0, 0.0, 0.2, 0.2, 0.2, 0.2]
+    # flat patches have none, next to curved ones
+    gaps = _gaps(triangles, np.array([0.1, 0.0]))
+    assert sorted(gaps.reshape(-1).tolist()) == [0.0, 0.0, 0.0, 0.0, 0.2, 0.2]
 
 
 def test_elements_are_positive_only_if_bounds_exceed_their_error():
@@ -489,3 +507,16 @@ def test_elements_are_positive_only_if_bounds_exceed_their_error():
     status = _Facts.status.fget(facts).tolist()
     undecided = ValidityStatus.UNDECIDED
     assert status == [undecided, undecided, ValidityStatus.POSITIVE, undecided, ValidityStatus.NOT_POSITIVE]
+
+
+@pytest.mark.parametrize(("part", "is_rounding"), [(1.0, True), (1.01, False)])
+def test_minima_up_to_twice_their_error_are_zero_within_rounding(part, is_rounding):
+    found = SimpleNamespace(status=[ValidityStatus.UNDECIDED], minimum=[part * 0.25], error=[0.125])
+    assert (Validity.reason(found, 0) == "its Jacobian is zero within rounding") == is_rounding
+
+
+def test_ranges_of_several_parts_contain_all_of_them():
+    first, second = Range(0.0, 4.0, 1.0, 3.0), Range(-1.0, 3.5, 0.5, 3.2)
+    for found in (_widest(first, None, second), _widest(second, first)):
+        assert found == Range(-1.0, 4.0, 0.5, 3.2)
+    assert _widest(None) is None

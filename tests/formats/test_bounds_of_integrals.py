@@ -753,3 +753,13 @@ def test_surfaces_are_expanded_to_the_second_order():
     expanded = sum(bends[:, column] * term for column, term in enumerate((a, b, a * a, a * b, b * b)))
     assert np.abs(k - expanded).max() < 5e-8
     assert np.abs(k).min() < 1e-3 < 100 * np.abs(k).max()
+
+
+def test_enclosures_of_integrals_combine_ends_of_integrands_and_measures():
+    """Integrands of either sign are multiplied by the smaller or by the larger end of the measure."""
+    low, high, volumes = np.array([2.0, -3.0, -1.0]), np.array([3.0, -2.0, 1.0]), np.array([0.5, 0.5, 2.0])
+    found = SimpleNamespace(interval=lambda root: (low, high), counts=(2, 2))
+    found.measure = np.ones((3, 1)), np.full((3, 1), 0.1)
+    least, most = analytic_error._enclosure(found, None, False, volumes, None)
+    assert np.allclose(least, 4 * volumes * [2 * 0.9, -3 * 1.1, -1.1], rtol=1e-14)
+    assert np.allclose(most, 4 * volumes * [3 * 1.1, -2 * 0.9, 1.1], rtol=1e-14)

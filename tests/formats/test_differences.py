@@ -308,3 +308,10 @@ def test_invalid_comparisons_are_rejected():
         with pytest.raises(ElvisError) as error:
             sample(beside, text, [(0, 0, 0)])
         assert sentence in str(error.value)
+
+
+@pytest.mark.parametrize("error", [-0.1, 0.0, 1.0, np.nan])
+def test_errors_are_requested_between_0_and_1(error):
+    own, other = (with_p(grid(Shape.QUADRILATERAL, count)) for count in (1, 2))
+    with pytest.raises(ElvisError, match="expected an error between 0 and 1"):
+        diff(own, other, error=error)
