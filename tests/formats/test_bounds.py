@@ -1,6 +1,7 @@
 """Bounds of the core: values lie within them, and some come near their ends (tests/support/claims.py)."""
 
 from dataclasses import replace
+from fractions import Fraction
 from itertools import product
 from types import SimpleNamespace
 
@@ -30,7 +31,7 @@ from elvis.core.polynomials.boxnets import difference, on_lattice
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.polynomials.net_zeros import values_of
 from elvis.core.polynomials.rounding import coefficient_rounding
-from elvis.core.quantities import Expression, bounding
+from elvis.core.quantities import Expression, bounding, intervals
 from elvis.core.quantities.cells import Cells
 from elvis.core.quantities.evaluator import _sized
 from elvis.core.ranges import Range
@@ -520,3 +521,27 @@ def test_ranges_of_several_parts_contain_all_of_them():
     for found in (_widest(first, None, second), _widest(second, first)):
         assert found == Range(-1.0, 4.0, 0.5, 3.2)
     assert _widest(None) is None
+
+
+def test_waves_of_large_arguments_attain_their_extrema():
+    """Between two adjacent numbers with a place 2 k pi + pi / 2 of the maximum between them, and with the minimum."""
+    pi = Fraction("3.14159265358979323846264338327950288419716939937510582")
+    for k in range(10**9, 10**9 + 200):
+        for part, end in ((Fraction(1, 2), 1), (Fraction(-1, 2), 0)):
+            place = (2 * k + part) * pi
+            low = float(place)
+            low = low if Fraction(low) <= place else np.nextafter(low, 0.0)
+            found = intervals.sine((np.array([low]), np.nextafter(np.array([low]), np.inf)))
+            assert found[end][0] == 2 * end - 1
+
+
+def test_sums_of_squares_are_fitted():
+    """Of nearly linear polynomials, and 0.1, which is found although coefficients are negative."""
+    rng, (s, t) = np.random.default_rng(1), np.meshgrid(*[np.linspace(0, 1, 3)] * 2, indexing="ij")
+    for _ in range(10):
+        a, b = rng.uniform(0.3, 0.7, 2)
+        first, second = s - a + 0.5 * (t - b), 2 * (t - b)
+        roots = [own + rng.uniform(-0.1, 0.1, (3, 3)) for own in (first, second)]
+        net = 0.1 + sum(squares._square(root) for root in roots)
+        assert net.min() < 0
+        assert 0.09 < squares._without_squares(net) <= 0.1

@@ -187,6 +187,7 @@ def roots_of_expansions(rng):
     exact = 2 * first / (left + np.sqrt(left**2 - 4 * bend * first))
     assert (held <= 2 * exact).all()
     yield exact, held
+    assert np.array_equal(root_radii(-coefficients, np.full((COUNT, 1), 0.5), np.ones((COUNT, 1)))[:, 0], held)
 
 
 #: functions of leaves x and y

@@ -300,3 +300,11 @@ def test_rounding_of_a_cubic_is_in_the_disc_of_its_root(monkeypatch):
     assert 16 * COARSE / 10 <= radius[0] < 8 * 16 * COARSE / 10
     off = discs._real_root(exact[0], (exact[1][0], np.array([0.1])), np.array([2.0]))[1]
     assert off[0] >= radius[0] + 0.1 / 10
+
+
+def test_middle_eigenvalues_are_rounded_by_the_size_of_the_matrix(monkeypatch):
+    monkeypatch.setattr(discs, "_ROUNDING", 1e-4)
+    entries = [(np.array([value]), np.zeros(1)) for value in (1.0, -2.0, 4.0, 0.0, 0.0, 0.0)]
+    middle, radius = discs.middle_eigenvalue(lambda *entries: np.median(entries[:3], axis=0))(*entries)
+    assert middle[0] == 1.0
+    assert 1e-4 * 7.0 <= radius[0] <= 2e-4 * 7.0
