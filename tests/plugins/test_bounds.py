@@ -367,6 +367,16 @@ def test_series_have_the_errors_of_values_and_their_rounding(stated):
     check(claim)
 
 
+def test_roundings_of_sums_for_series_are_all_counted(stated):
+    """Of three passes, whose sums have n terms with tables that are off by 7 units, and of the sum of magnitudes."""
+    n = np.arange(2.0, 20.0)
+    found = stated(10, n[:, None])
+    passes = (2**1.5 * n**2 + 2 * n**1.5 + 2**0.5 * n) * (n + 7) + n**3
+    assert (passes * 2.0**-53 <= found).all()
+    assert (found <= 1.6 * passes * 2.0**-53).all()
+    assert stated(10, np.zeros((1, 1)))[0] == 1.0
+
+
 def test_rays_in_skewed_tetrahedra_are_off_by_less_than_is_stated(stated):
     """Reference coordinates by cofactors, in floats and in fractions, of slivers a millionth as thick as long."""
     rng = np.random.default_rng(5)
