@@ -186,16 +186,16 @@ def gradients_on_stretched_elements(rng):
 
 
 def gradients_on_elements_stretched_at_one_end(rng):
-    """x = p - n p^3 / 3 on [0, 1]: the field p has the derivative 1 / (1 - n p^2), whose net is far below its mean."""
+    """x = p - n p^3 / 3 on [0, 1]: dp/dx = 1 / (1 - n p^2), whose inverse is far below its mean; fields p and -p^2."""
     for stretch in (0.5, 0.8, 0.9):
         mesh = curved(grid(Shape.QUADRILATERAL, 1), lambda p, n=stretch: p - n / 3 * p**3 * [1.0, 0, 0], 4)
-        dataset = with_field(mesh, lambda x, n=stretch: roots_of(n, x[:, 0]), 2)
-        (patch,) = patches(dataset, ("u",))
-        cells = Cells.of(patch, ["u"], None, np.arange(1), True)
-        low, high = cells._gradient(0, 0)
-        middle, radius = (low + high) / 2, (high - low) / 2
-        ends = np.array([1.0, 1 / (1 - stretch)])
-        yield np.abs(ends - middle).max(keepdims=True), radius
+        for field, slopes in ((lambda p: p, [1.0, 1.0]), (lambda p: -(p**2), [0.0, -2.0])):
+            dataset = with_field(mesh, lambda x, n=stretch, f=field: f(roots_of(n, x[:, 0])), 3)
+            (patch,) = patches(dataset, ("u",))
+            low, high = Cells.of(patch, ["u"], None, np.arange(1), True)._gradient(0, 0)
+            middle, radius = (low + high) / 2, (high - low) / 2
+            ends = np.array(slopes) / [1.0, 1 - stretch]
+            yield np.abs(ends - middle).max(keepdims=True), radius
 
 
 def roots_of(stretch, x):
