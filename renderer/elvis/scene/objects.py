@@ -110,7 +110,7 @@ class VolumeRendering(Model, of="a volume"):
     error: Annotated[float, Setting("Target of the quadrature: maximum error of a pixel's colour.", **POSITIVE)] = 1e-3
     kind: Literal["volume"] = field(default="volume", kw_only=True)
     option: ClassVar = Setting(
-        "Volume rendering: piecewise linear transfer function, extinction D at value V of quantity Q.",
+        "Volume rendering: extinction D at value V of quantity Q, linear between.",
         option="--volume",
         metavar="[Q=]V:D,V:D",
         parse="volume",

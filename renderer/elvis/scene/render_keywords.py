@@ -176,7 +176,7 @@ class SharedKeywords(TypedDict, total=False):
     isosurface: Isosurface | Mapping[str, Any] | ArrayLike | Sequence[Isosurface | str] | None
     """Isosurface(s) of quantity Q at value(s) V; Q defaults to --field."""
     volume: VolumeRendering | str | Sequence[VolumeRendering | str] | None
-    """Volume rendering: piecewise linear transfer function, extinction D at value V of quantity Q."""
+    """Volume rendering: extinction D at value V of quantity Q, linear between."""
     streamlines: Streamlines | str | Mapping[str, Any] | ArrayLike | Sequence[Streamlines | str] | None
     """Streamlines from seeds, such as line:P:Q:20 or random:100 (see elvis help geometry), or cores=acceleration for
     all vortex cores; other keys follow after semicolons, such as radius=0.01."""

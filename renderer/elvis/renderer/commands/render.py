@@ -75,7 +75,7 @@ Examples:
     "--directions",
     type=click.IntRange(2, 360),
     metavar="N",
-    help="Views of an .html output, at equal angles around the up axis of the camera.",
+    help="Views around the up axis, for .html.",
 )
 @click.option("--save-scene", type=OUTPUT, help="Write the scene that was drawn as .toml, .yaml or .json.")
 @overwrite_option
