@@ -13,7 +13,8 @@ HEAD = """<!-- made by tools/gallery_page.py from examples/scenes -->
 
 # Gallery
 
-Every picture is drawn by one command from one scene file of `examples/scenes`: `python examples/gallery.py NAME`.
+One command draws each picture from one scene file of `examples/scenes`. The command stands under
+the picture; `python examples/gallery.py NAME` runs it for you.
 """
 CHAPTERS = {
     "pages": "Solvers' own data",
@@ -21,13 +22,13 @@ CHAPTERS = {
     "cases": "Cases of the paper on the first ElVis",
 }
 SOURCES = {
-    "pages": """Files that the solvers wrote, from their own tests and examples or computed for ours; they are not part
-of this repository. The sentence above each picture says where they are from.""",
-    "street": """The flow of a benchmark by Schäfer and Turek (1996): `python examples/street.py` computes it
-with NGSolve, in some minutes.""",
-    "cases": """Nelson, Liu, Kirby and Haimes (2012), regenerated: `python examples/cases.py` makes the data, the meshes
-by Gmsh. The fields of the wings are analytic expressions, stated in `examples/delta.py` and `examples/wing.py`, not
-solutions.""",
+    "pages": """The solvers wrote these files, for their own tests and examples or for ours. The files are not part
+of this repository. The sentence above each picture states their origin.""",
+    "street": """The flow is a benchmark by Schäfer and Turek (1996). `python examples/street.py` computes it
+with NGSolve in some minutes.""",
+    "cases": """These cases follow the paper of Nelson, Liu, Kirby and Haimes (2012). `python examples/cases.py`
+makes the data; Gmsh makes the meshes. The fields of the wings are not solutions but analytic
+expressions, stated in `examples/delta.py` and `examples/wing.py`.""",
 }
 
 

@@ -34,11 +34,12 @@ HEAD = """<!-- made by tools/scene_page.py from the models in renderer/elvis/sce
 
 # Scene files
 
-A scene file describes the objects and the appearance of a picture. Use it as in
-`elvis render wing.toml` or `elvis compare wing.toml`. It is written in TOML, YAML or JSON;
-`--save-scene` writes the scene of a picture. The dataclasses in Python (`elvis.scene`) have settings
-of the same names. Many keys also have an option of the command line, which the last column names.
-Options override the file. `--set objects[0].style.opacity=0.5` changes any other key.
+A scene file describes the objects and the appearance of a picture, in TOML, YAML or JSON. Use it as
+in `elvis render wing.toml` or `elvis compare wing.toml`. The option `--save-scene` writes the scene
+of a picture to a file. The dataclasses in Python (`elvis.scene`) have settings of the same names.
+
+Many keys also have an option on the command line; the last column of the tables names it. Options
+override the file. For any other key, use `--set`, as in `--set objects[0].style.opacity=0.5`.
 
 File names are relative to the scene file. Unknown keys and invalid values are errors. The message
 names the key, its place, the expected value and the value found.
@@ -88,15 +89,15 @@ away = "inside"
 A scene file may come from an untrusted source, so its rights are limited:
 
 - It reads data, triangles and colour maps, and names only installed plugins.
-- It writes only `outputs` (`.png`, `.html`, `.npz` and others) and `stats` (`.json`), next to the scene file or
-  in folders below. The same holds through links.
+- It writes only `outputs` (`.png`, `.html`, `.npz` and others) and `stats` (`.json`), next to the
+  scene file or in folders below it. Links do not extend this limit.
 - An existing file that ElVis did not write is replaced only with `--overwrite`.
 
 The options `--plugin`, `--output` and `--stats` have no such limits and override the scene.
 `--save-scene` omits settings that a scene file may not contain, and prints a warning.
 
 Lists are written as `[…]`, tables as `{key = value}` or under a heading. A default in *italics* is
-not a value that can be written: leave the key out.
+a description, not a value: to get this default, leave the key out.
 """
 
 

@@ -43,29 +43,36 @@ CASES = {
 KEYS = ("n0", "n1", "n2", "n3", "n4", "n5", "vtk")
 HEAD = """# Reports
 
-What linear elements show of the example cases, by `elvis compare`; the reports themselves are made by
+The page compares exact pictures of the example cases with pictures of linear elements, by
+`elvis compare`. To make the reports, run
 
     python examples/reports/make.py
 
-into `out/reports`. n is the number of times that every element is cut; one cut three times is 512 tetrahedra. VTK: its
-own Lagrange cells through its own filters.
+The reports are written to `out/reports`. In the table, n is the number of refinements of every
+element: after three refinements, a tetrahedron has become 512 linear ones. The column *VTK* has
+VTK's own Lagrange cells, drawn through its own filters. The column *exact* has the pictures of
+ElVis.
 
-- *off*: percent of the pixels that are wrong by more than a colour step (1/256 of the range), or missing, in a picture
-  of {size} pixels.
+- *off*: percentage of the pixels that are wrong by more than a colour step (1/256 of the range), or
+  missing, in a picture of {size} pixels.
 - *contours*: maximum displacement of ten contours, in pixels.
-- *surface*: maximum distance of the isosurface from the exact one, either way; the wing is 1 long.
-- *memory*: of the linear mesh; exact: of the coefficients that the picture is drawn from.
-- *time*: seconds from data in memory to the picture; exact: with opening the device and bringing the data to it. On two
-  cores and software Vulkan; linear pictures are cut in NumPy and traced by Embree.
+- *surface*: maximum distance between the isosurface and the exact one, in both directions; the wing
+  is 1 long.
+- *memory*: memory of the linear mesh; for *exact*, of the coefficients from which the picture is
+  drawn.
+- *time*: seconds from data in memory to the picture, on two cores with software Vulkan. For
+  *exact*, this includes opening the device and uploading the data. Linear pictures are cut in NumPy
+  and traced by Embree.
 
 ![The report of twist](../../docs/report.png)
 
 The picture is made by `python examples/reports/shoot.py twist`.
 
-Linear pictures of mild fields on many elements are right to within one pixel after 3 refinements, with 70 to 85 times
-the memory of the coefficients (of a distance, which has none, 230 times the mesh); of few, curved elements after
-5, with thousands of times. Of order 7 they are 1.5 pixels off even then, and 6 refinements would need 22 GB; an
-isosurface with cracks is not right after 3.
+Linear pictures of smooth fields on many elements are right to within one pixel after 3 refinements.
+They then need 70 to 85 times the memory of the coefficients; a distance, which has no coefficients,
+needs 230 times the memory of the mesh. A few curved elements need 5 refinements, and thousands of
+times the memory. A field of order 7 is 1.5 pixels off even then, and 6 refinements would need 22
+GB. An isosurface with cracks is not right after 3 refinements.
 
 | case | | n = 0 | n = 1 | n = 2 | n = 3 | n = 4 | n = 5 | VTK | exact |
 |---|---|---|---|---|---|---|---|---|---|
