@@ -15,7 +15,7 @@ This page lists what ElVis reads of each format. `elvis convert --list` also sho
 command reports which contents of your files it skipped.
 
 * *All* shapes are segments, triangles, quadrilaterals, tetrahedra, pyramids, prisms and hexahedra.
-* *By place*: if a side has no partner but lies on sides of other elements, ElVis treats it as an inner side.
+* Entries *by place*: if a side has no partner but lies on sides of other elements, ElVis treats it as an inner side.
 * *Numbered files*: files whose names differ in a number are steps, unless the format marks them as parts or their
   meshes don't overlap. All commands follow this rule.
 * If a field is defined on a part of the mesh, its values elsewhere are NaN.
