@@ -3,33 +3,17 @@
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Block, Dataset, Field
-from elvis.core.geometry import geometry
+from elvis.core.dataset import Dataset
 from elvis.core.integrals import integrate
-from elvis.core.mapping.projections import conforming
 from elvis.core.norms import quantity_norms
-from elvis.core.polynomials.evaluation import evaluate
-from elvis.core.polynomials.interpolation import modified
 from elvis.core.quantities import Expression
 from elvis.core.quantities.jumps import jumps
 from elvis.core.resolution.continuous_space import continuous_projection
 from elvis.core.shapes import Shape
-from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple
+from elvis.core.testing import approximated, curved, grid, interpolated, mixed_plane, mixed_volume, ripple
 
 MESHES = {shape.label: (lambda shape=shape: curved(grid(shape, 2), ripple(0.05), 3)) for shape in Shape}
 MESHES |= {"mixed plane": mixed_plane, "mixed volume": mixed_volume}
-
-
-def interpolated(bare, name, function, modes):
-    """The projection-based interpolant, a continuous field."""
-    blocks = []
-    for own in geometry(bare):
-        expansion = modified(own.expansion.shape, (modes,) * own.expansion.shape.dimension)
-        operator = conforming(expansion, 1)
-        places = np.swapaxes(evaluate(own.expansion, own.coefficients, operator.points), 1, 2)
-        samples = function(places.reshape(-1, 3)).reshape(places.shape[:2])
-        blocks.append(Block(expansion, own.element_ids, samples @ operator.matrix))
-    return Field(name, tuple(blocks))
 
 
 def wave(p):

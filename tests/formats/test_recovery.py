@@ -3,12 +3,9 @@
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Block, Dataset, Field
+from elvis.core.dataset import Dataset, Field
 from elvis.core.errors import ElvisError
-from elvis.core.geometry import geometry
-from elvis.core.mapping.projections import conforming
 from elvis.core.norms import quantity_norms
-from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.quantities import Expression
 from elvis.core.quantities.attributes import Attributes
@@ -17,21 +14,9 @@ from elvis.core.quantities.jumps import jumps
 from elvis.core.resolution.modal_bases import exact_rule
 from elvis.core.resolution.recovered_remarks import remarks_on_recovered
 from elvis.core.shapes import Shape
-from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, one_element, ripple
+from elvis.core.testing import approximated, curved, grid, interpolated, mixed_plane, mixed_volume, one_element, ripple
 
 SHAPES = [shape for shape in Shape if shape.dimension < 3]
-
-
-def interpolated(bare, name, function, modes):
-    """The projection-based interpolant, a continuous field; discontinuous ones are `approximated`."""
-    blocks = []
-    for own in geometry(bare):
-        expansion = modified(own.expansion.shape, (modes,) * own.expansion.shape.dimension)
-        operator = conforming(expansion, 1)
-        places = np.swapaxes(evaluate(own.expansion, own.coefficients, operator.points), 1, 2)
-        samples = function(places.reshape(-1, 3)).reshape(places.shape[:2])
-        blocks.append(Block(expansion, own.element_ids, samples @ operator.matrix))
-    return Field(name, tuple(blocks))
 
 
 def error(dataset, text):

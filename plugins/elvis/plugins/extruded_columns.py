@@ -12,11 +12,9 @@ from scipy.spatial import cKDTree
 
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import ElvisError
-from elvis.core.mapping.mode_entities import entities
+from elvis.core.mapping.mode_entities import vertex_functions
 from elvis.core.patch import Patch
 from elvis.core.polynomials.evaluation import evaluate
-from elvis.core.polynomials.expansion import values
-from elvis.core.polynomials.interpolation import modified
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.shapes import Shape
 
@@ -69,7 +67,7 @@ class Stack:
     def plane(self, points: Floats) -> Floats:
         """(q, 2) plane points of the elements at plane points (q, 2) of their columns."""
         shape = self.layer.plan
-        return np.asarray(_hats(shape, points) @ shape.vertices[list(self.order)])
+        return np.asarray(vertex_functions(shape, points) @ shape.vertices[list(self.order)])
 
     def corners_of(self, vertices: Floats) -> set[int]:
         """The corners of columns on which vertices (k, 3) of the elements lie."""
@@ -229,12 +227,6 @@ def _orders(corners: Floats, goal: Floats, near: float) -> Ints:
     if not is_there.all():
         raise ElvisError("expected elements on top of one another with the same corners, found others")
     return order
-
-
-def _hats(shape: Shape, points: Floats) -> Floats:
-    """(q, c) functions of the vertices of a shape at points (q, 2)."""
-    table = values(modified(shape, (2,) * shape.dimension), points)
-    return np.asarray(table[:, entities(shape, 2).vertices])
 
 
 def inner_points(shape: Shape, count: int) -> Floats:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from elvis.core.arrays import Floats, frozen_floats
-from elvis.core.dataset import Block, Dataset, Field, Homogeneous
+from elvis.core.dataset import Block, Dataset, Homogeneous
 from elvis.core.errors import ElvisError
 from elvis.core.integrals import integrate
 from elvis.core.polynomials.bases import Basis
@@ -45,10 +45,7 @@ def fourier_coefficients(dataset: Dataset, number: int) -> Dataset:
 
     Raises ElvisError for data without one Fourier direction, and without this plane.
     """
-    _check_one(dataset, f"--plane {number}")
-    known = sorted({own for waves in _waves_of(dataset) for own in waves.z_ids})
-    if number not in known:
-        raise ElvisError(f"--plane {number}: expected one of the planes {', '.join(map(str, known))}")
+    _check_plane(dataset, f"--plane {number}", number)
     return _plane(dataset, number)
 
 
@@ -88,8 +85,9 @@ def wave_energies(dataset: Dataset) -> WaveEnergies:
 
 def without_plane(dataset: Dataset, number: int) -> Dataset:
     """All fields with the coefficients of one Fourier plane set to zero; ElvisError as `fourier_coefficients`."""
-    fourier_coefficients(dataset, number)
-    return _rewritten(dataset, lambda waves: (waves, np.diag((np.array(waves.z_ids) != number).astype(np.float64))))
+    _check_plane(dataset, f"--zero-plane {number}", number)
+    found = _rewritten(dataset, lambda waves: (waves, np.diag((np.array(waves.z_ids) != number).astype(np.float64))))
+    return replace(found, expansions=())
 
 
 def in_full_waves(dataset: Dataset, periods: int = 1) -> Dataset:
@@ -111,7 +109,7 @@ def in_full_waves(dataset: Dataset, periods: int = 1) -> Dataset:
         new = wave_values(target, 2 * places[:, None] / periods - 1)
         return target, np.rint(np.linalg.lstsq(new, old, rcond=None)[0])
 
-    return replace(_rewritten(dataset, changed), session={})
+    return replace(_rewritten(dataset, changed), session={}, expansions=())
 
 
 def _is_constant(waves: Homogeneous) -> Floats:
@@ -151,14 +149,22 @@ def _check_one(dataset: Dataset, what: str) -> None:
         raise ElvisError(f"{what}: expected one Fourier direction, found {max(found)}")
 
 
+def _check_plane(dataset: Dataset, what: str, number: int) -> None:
+    """ElvisError for data without one Fourier direction, and without a plane of it."""
+    _check_one(dataset, what)
+    known = sorted({own for waves in _waves_of(dataset) for own in waves.z_ids})
+    if number not in known:
+        raise ElvisError(f"{what}: expected one of the planes {', '.join(map(str, known))}")
+
+
 def _waves_of(dataset: Dataset) -> list[Homogeneous]:
     """The Fourier directions of all blocks that have some."""
     waves = (block.expansion.homogeneous for own in dataset.fields for block in own.blocks)
     return [own for own in waves if own is not None]
 
 
-def _rewritten(dataset: Dataset, change: Callable[[Homogeneous], tuple[Homogeneous, Floats]]) -> Dataset:
-    """Fields in other waves: ``change`` gives these, and the factors (new planes, planes) of the coefficients."""
+def _rewritten(dataset: Dataset, change: Callable[[Homogeneous], tuple[Homogeneous | None, Floats]]) -> Dataset:
+    """Fields in other waves, or in none: ``change`` gives these, and factors (new planes, planes) of coefficients."""
 
     def block_of(block: Block) -> Block:
         waves = block.expansion.homogeneous
@@ -171,7 +177,7 @@ def _rewritten(dataset: Dataset, change: Callable[[Homogeneous], tuple[Homogeneo
         return Block(expansion, block.element_ids, frozen_floats(found))
 
     fields = (replace(own, blocks=tuple(map(block_of, own.blocks))) for own in dataset.fields)
-    return replace(dataset, fields=tuple(fields), expansions=())
+    return replace(dataset, fields=tuple(fields))
 
 
 def _plane(dataset: Dataset, number: int) -> Dataset:
@@ -180,17 +186,5 @@ def _plane(dataset: Dataset, number: int) -> Dataset:
 
 
 def _combined(dataset: Dataset, weights: Callable[[Homogeneous], Floats]) -> Dataset:
-    """Fields whose planes of coefficients are added up with weights (planes,)."""
-    return replace(dataset, fields=tuple(replace(own, blocks=tuple(_sums(own, weights))) for own in dataset.fields))
-
-
-def _sums(field: Field, weights: Callable[[Homogeneous], Floats]) -> Iterator[Block]:
-    """The blocks of a field without their Fourier direction."""
-    for block in field.blocks:
-        waves = block.expansion.homogeneous
-        if waves is None:
-            yield block
-            continue
-        planes = block.coefficients.reshape(len(block), len(waves.z_ids), -1)
-        found = np.einsum("p,npm->nm", weights(waves), planes)
-        yield Block(replace(block.expansion, homogeneous=None), block.element_ids, frozen_floats(found))
+    """Plane data: fields whose planes of coefficients are added up with weights (planes,)."""
+    return _rewritten(dataset, lambda waves: (None, weights(waves)[None]))

@@ -374,6 +374,8 @@ def _in_other_waves(
     dataset: Dataset, plane: int | None, zero_plane: int | None, stretch: int | None, full: bool
 ) -> Dataset:
     """The data with a changed Fourier direction, or one of its planes."""
+    if plane is None and zero_plane is None and stretch is None and not full:
+        return dataset
     from elvis.plugins.fourier_planes import fourier_coefficients, in_full_waves, without_plane
 
     if zero_plane is not None:

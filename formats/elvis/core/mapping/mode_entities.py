@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Ints, frozen_ints
+from elvis.core.arrays import Floats, Ints, frozen_ints
 from elvis.core.bounded_cache import bounded_cache
 from elvis.core.mapping.solids import volume_modes
-from elvis.core.polynomials.expansion import mode_indices
+from elvis.core.polynomials.expansion import mode_indices, values
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.shapes import Shape
 
@@ -91,3 +91,9 @@ def _solid_edges(shape: Shape, modes: int) -> list[Ints]:
         valid, carried = face_grid(shape, face, modes)
         found.append(carried[np.searchsorted(valid, p * modes + q)])
     return found
+
+
+def vertex_functions(shape: Shape, points: Floats) -> Floats:
+    """(n, k) the functions of order 1 that are 1 at one vertex of a shape and 0 at others, at points (n, d)."""
+    table = values(modified(shape, (2,) * shape.dimension), points)
+    return np.asarray(table[:, entities(shape, 2).vertices])

@@ -31,7 +31,7 @@ from elvis.core.arrays import Bools, Floats, Ints, frozen_floats, frozen_ints
 from elvis.core.bounded_cache import bounded_cache
 from elvis.core.dataset import Block, Dataset, Expansion, Field
 from elvis.core.errors import ElvisError
-from elvis.core.mapping.mode_entities import entities
+from elvis.core.mapping.mode_entities import vertex_functions
 from elvis.core.mapping.orientation import chunks, local_vertices
 from elvis.core.mapping.projections import best, conforming
 from elvis.core.patch import Patch, patches
@@ -42,7 +42,6 @@ from elvis.core.polynomials.jacobi import jacobi
 from elvis.core.quantities.jumps import jumps
 from elvis.core.resolution.element_resolution import DOUBLE, SINGLE, is_single
 from elvis.core.resolution.modal_bases import exact_rule, modal_basis
-from elvis.core.shapes import Shape
 
 #: numbers in a table of polynomials at points of elements
 _BATCH = 1 << 21
@@ -218,7 +217,7 @@ class _VertexFits:
 
     def _blended(self, own: _Elements, rows: Ints, points: Floats) -> Floats:
         """(n, q) values of b at reference points (q, d) of some elements."""
-        places, hats = own.positions(rows, points), _hats(own.patch.shape, points)
+        places, hats = own.positions(rows, points), vertex_functions(own.patch.shape, points)
         found = np.zeros(places.shape[:2])
         for corner, vertices in enumerate(own.vertices[rows].T):
             table = self._table(vertices, places)
@@ -346,9 +345,3 @@ def _degrees(dimension: int, most: int) -> Ints:
     """(k, d) degrees of the products of polynomials up to a total degree."""
     every = product(range(most + 1), repeat=dimension)
     return frozen_ints([degrees for degrees in every if sum(degrees) <= most])
-
-
-def _hats(shape: Shape, points: Floats) -> Floats:
-    """(n, k) the vertex functions of a shape at points (n, d)."""
-    table = values(modified(shape, (2,) * shape.dimension), points)
-    return np.asarray(table[:, entities(shape, 2).vertices])

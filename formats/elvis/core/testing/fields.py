@@ -11,8 +11,10 @@ from elvis.core.bounded_cache import bounded_cache
 from elvis.core.dataset import Block, Dataset, Expansion, Field
 from elvis.core.geometry import GeometryBlock, geometry
 from elvis.core.mapping.orientation import chunks
+from elvis.core.mapping.projections import conforming
 from elvis.core.mesh import Mesh
 from elvis.core.polynomials.collapse import collapse_jacobian, uncollapse
+from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.polynomials.expansion import mode_count, values
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.polynomials.quadrature import gauss
@@ -36,6 +38,21 @@ def approximated(dataset: Dataset, name: str, function: Callable[[Floats], Float
     space of every element.
     """
     blocks = [_block(block, function, modes) for block in geometry(dataset)]
+    return Field(name, tuple(blocks))
+
+
+def interpolated(dataset: Dataset, name: str, function: Callable[[Floats], Floats], modes: int) -> Field:
+    """The field that interpolates ``function``, points (n, 3) to values (n,), by projections; it is continuous.
+
+    In the Modified basis with ``modes`` modes each way; fields that are `approximated` are discontinuous.
+    """
+    blocks = []
+    for own in geometry(dataset):
+        expansion = modified(own.expansion.shape, (modes,) * own.expansion.shape.dimension)
+        operator = conforming(expansion, 1)
+        places = np.swapaxes(evaluate(own.expansion, own.coefficients, operator.points), 1, 2)
+        samples = function(places.reshape(-1, 3)).reshape(places.shape[:2])
+        blocks.append(Block(expansion, own.element_ids, frozen_floats(samples @ operator.matrix)))
     return Field(name, tuple(blocks))
 
 
