@@ -1,4 +1,4 @@
-"""A step of PyFR as a host: processor seconds from solution points to a picture on disk, next to drawing alone.
+"""A step of PyFR as a host: processor seconds from solution points to a picture on disk, next to only drawing.
 
     python benchmarks/hosting.py [MESH.pyfrm ...] [--cells N] [--size 300x200 1000x1000] [--rounds N]
 

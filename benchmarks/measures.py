@@ -59,7 +59,7 @@ class Measure:
 
 
 def measures(quick: bool) -> list[Measure]:
-    """Those of the wing, then those of closed forms on curved elements and on a cube of 384 tetrahedra."""
+    """Measures of the wing, then of closed forms on curved elements and on a cube of 384 tetrahedra."""
     levels = 2 if quick else LEVELS
     wing = WING.dataset(quick)
     cube = standard(quick)

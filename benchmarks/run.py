@@ -150,7 +150,7 @@ def size(options: argparse.Namespace) -> tuple[Any, list[Table]]:
 
 
 def promised(options: argparse.Namespace) -> tuple[Any, list[Table]]:
-    """What was requested, next to what it was and what it is."""
+    """The request, next to the seconds before and now."""
     side, rounds = (60, 1) if options.quick else (1000, max(3, options.rounds // 2))
     numbers = targets.measure(options.device, side, rounds, options.quick)
     return numbers, [targets.table(numbers)]

@@ -1,4 +1,4 @@
-"""Pictures of a running solver: what a step costs next to drawing alone, and the memory of many steps.
+"""Pictures of a running solver: what a step costs next to only drawing, and the memory of many steps.
 
 python benchmarks/running.py CELLS SIDE STEPS DEVICE       one process that draws and prints JSON
 """

@@ -386,7 +386,7 @@ def _in_other_waves(
 
 
 def _with_stream_function(dataset: Dataset, report: Report) -> tuple[Dataset, Report]:
-    """The data with the stream function, and how far its velocity is from that of the flow."""
+    """The data with the stream function, and the distance of its velocity from the flow's."""
     from elvis.core.resolution.stream_functions import with_stream_function
     from elvis.core.terminal import stage
 
