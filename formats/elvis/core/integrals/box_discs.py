@@ -109,8 +109,22 @@ class BoxDiscs:
             return self._of(self.boxes.density(self.places, self.eta))
         fold_ = self._of(collapse_jacobian(self.rules.piece.shape, self.eta))
         if self._is_solid and not self.rules.piece.is_side:
-            return discs.times(discs.absolute(self._determinant), fold_)
+            return discs.times(self._volume, fold_)
         return discs.times(self._stretch, fold_)
+
+    @property
+    def _volume(self) -> Disc:
+        """The magnitude of the determinant; in valid elements this is the determinant itself, or its negative."""
+        middle, radius = self._determinant
+        if not self.rules.is_valid or self.rules.piece.is_signed:
+            return discs.absolute((middle, radius))
+
+        # of all points the one with the largest determinant tells the sign, as rounding can't change it there
+        d = self.rules.piece.patch.shape.dimension
+        values = np.linalg.det(self.places.jacobians[:, :d, :d]).reshape(self.count, -1)
+        largest = np.argmax(np.abs(values), axis=1)
+        sign = np.sign(np.take_along_axis(values, largest[:, None], axis=1))
+        return sign * middle, radius
 
     @property
     def _is_solid(self) -> bool:
