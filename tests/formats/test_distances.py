@@ -15,7 +15,9 @@ from elvis.core.mapping.inverse import Status
 from elvis.core.mesh import Composite
 from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.bounding import quantity_range
-from elvis.core.quantities.evaluator import Sampler
+from elvis.core.quantities.element_points import ElementPoints
+from elvis.core.quantities.element_sides import places_on_sides
+from elvis.core.quantities.evaluator import Evaluator, Sampler
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, with_field
 
@@ -92,6 +94,68 @@ def test_distances_to_closed_boundaries_are_negative_inside(mesh):
     assert surface.is_closed
     assert 100 < inside.sum() < 1400
     assert ((nearest(surface, points).distance < 0) == inside).all()
+
+
+@pytest.mark.parametrize("mesh", [mixed_volume, mixed_plane])
+def test_gradients_of_distances_are_limits_of_differences(mesh):
+    dataset, surface, points = with_points(mesh, seed=5, beyond=0.0, count=60)
+    axes = "xyz"[: dataset.mesh.dimension]
+    found = evaluated(dataset, points, [f"d(distance(all),{axis})" for axis in axes])
+    inside = np.isfinite(found).all(axis=1)
+    assert inside.sum() > 20
+    step = 1e-6 * np.eye(3)
+    ends = [[nearest(surface, points + sign * own).distance for sign in (1, -1)] for own in step[: len(axes)]]
+    truth = np.stack([(one - other) / 2e-6 for one, other in ends], axis=1)
+    # where two places are equally near, the difference is none
+    assert np.quantile(np.abs(found - truth)[inside].max(axis=1), 0.8) < 1e-8
+    assert np.abs(np.linalg.norm(found[inside], axis=1) - 1).max() < 1e-14
+
+
+def evaluated(dataset, points, texts):
+    """(n, k) values of expressions at points."""
+    return Sampler(dataset, [Expression.of(dataset, text) for text in texts]).sample(points).values
+
+
+@pytest.mark.parametrize("mesh", [mixed_volume, mixed_plane])
+def test_the_direction_away_from_a_wall_is_its_inward_normal_there(mesh):
+    """The normals come from the elements' maps, the directions from the surface."""
+    dataset = Dataset(curved(mesh(seed=7), wavy, 4))
+    axes = "xyz"[: dataset.mesh.dimension]
+    names = [f"bfc_dir1_{axis}(all)" for axis in axes]
+    expressions = [Expression.of(dataset, text) for text in (*names, *(f"n{axis}" for axis in axes), "distance(all)")]
+    evaluator = Evaluator(dataset, expressions)
+    for patch in evaluator.patches:
+        places = places_on_sides(patch.shape)
+        rows = np.repeat(np.arange(len(patch)), len(places))
+        points = ElementPoints(patch, rows, np.tile(places, (len(patch), 1)))
+        values = np.stack([*evaluator.values_at(expressions, points)])
+        on_wall = np.abs(values[-1]) < 1e-13
+        assert on_wall.any()
+        assert np.abs(values[: len(axes)] + values[len(axes) : -1])[:, on_wall].max() < 1e-11
+
+
+def test_the_velocity_fitted_to_a_flat_wall_has_the_cartesian_components():
+    """Of the unit cube's floor z = 0: dir1 is z, and with the assisting vector y dir0 is z x y = -x, dir2 = y."""
+    functions = {"u": lambda p: 1 + p[:, 0], "v": lambda p: 2 - p[:, 1] * p[:, 2], "w": lambda p: p[:, 0] ** 2}
+    mesh = grid(Shape.HEXAHEDRON, 2)
+    floor = Composite(9, (("F", floor_of(mesh)),), "floor")
+    bare = Dataset(replace(mesh, composites=(*mesh.composites, floor)))
+    dataset = replace(bare, fields=tuple(approximated(bare, name, own, 3) for name, own in functions.items()))
+    points = np.random.default_rng(2).uniform(0, 1, (30, 3)) * (1, 1, 0.4)
+    points[:5, 2] = 0.0
+    texts = [f"{name}(floor, 0, 1, 0)" for name in ("u_bfc", "v_bfc", "w_bfc")]
+    u, v, w = (own(points) for own in functions.values())
+    truth = np.stack([-u, w, v], axis=1)
+    assert np.abs(evaluated(dataset, points, texts) - truth).max() < 1e-12
+    # the z axis is along the normal, which leaves no direction in the wall
+    assert np.isnan(evaluated(dataset, points, ["u_bfc(floor)"])).all()
+
+
+def floor_of(mesh):
+    """Ids of the faces in the plane z = 0."""
+    faces, edges = mesh.of(Shape.QUADRILATERAL), mesh.of(Shape.SEGMENT)
+    heights = mesh.vertices[edges.members[faces.members]][..., 2]
+    return faces.ids[(heights == 0).all(axis=(1, 2))]
 
 
 def shell(points):
@@ -239,7 +303,10 @@ def test_distances_are_lipschitz_continuous():
         ("distance()", "expected a boundary, or a file in quotes, found ')'"),
         ("distance(u, 2)", "there is no boundary 'u'"),
         ("distance(all, 2)", "expected ) after a boundary"),
-        ("d(distance(all), x)", "there is no derivative of distance(all)"),
+        ("d(d(distance(all), x), y)", "there is no derivative of d(distance(all),x)"),
+        ("u_bfc(all)", "the data lack a velocity"),
+        ("bfc_dir0_x(all, 0, 1)", "expected three numbers after all, such as bfc_dir0_x(all, 0, 1, 0)"),
+        ("bfc_dir0_x(all, 0, 0, 0)", "expected a vector across the plane or, in 3D, any but zero"),
     ],
 )
 def test_invalid_distances_are_rejected(text, sentence):

@@ -39,7 +39,8 @@ def test_distances_and_their_gradients_match_those_of_numpy(renderer, file, shap
     text = "distance(all)" if shape is Shape.TRIANGLE else f"distance('{file}')"
     dataset, drawing = with_field(curved(grid(shape, 2), ripple(0.05), n=4)), renderer("vulkan")
     (part,) = volume_of(dataset, [text]).parts
-    drawing.show(volume_of(dataset, [text]))
+    slope, away = f"d({text},x)", text.replace("distance", "bfc_dir1_y")
+    drawing.show(volume_of(dataset, [text, slope, away]))
     reference, elements = np.zeros((80, 3)), np.resize(np.arange(len(part)), 80)
     reference[:, : shape.dimension] = 0.95 * scattered(shape, 80, seed=1) + 0.05 * shape.vertices.mean(axis=0)
     centre = drawing.sample_elements(0, elements[:1], reference[:1]).center
@@ -49,6 +50,8 @@ def test_distances_and_their_gradients_match_those_of_numpy(renderer, file, shap
     assert np.abs(found.value - truth).max() < VALUE * np.abs(truth).max()
     gradient = np.linalg.solve(found.jacobian.transpose(0, 2, 1), found.gradient[:, :, None])[:, :, 0]
     assert np.abs(np.linalg.norm(gradient, axis=1) - 1).max() < UNIT
+    for name, own in ((slope, gradient[:, 0]), (away, np.sign(truth) * gradient[:, 1])):
+        assert np.abs(drawing.sample_elements(0, elements, reference - centre, name).value - own).max() < UNIT
     place = nearest(surface_of(dataset, text[9:-1].strip("'")), found.position).place
     assert np.abs(found.position - found.value[:, None] * gradient - place).max() < UNIT
 

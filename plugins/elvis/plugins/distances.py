@@ -17,6 +17,8 @@ Buffers = dict[str, NDArray[Any]]
 
 #: numbers of a patch before its coefficients
 _BOUNDS = 10
+#: bits of a patch whose normal points into its element, or out of it
+_INTO, _OUT_OF = 4, 8
 
 
 def buffers_of(surfaces: Sequence[Surface]) -> Buffers:
@@ -42,18 +44,20 @@ def buffers_of(surfaces: Sequence[Surface]) -> Buffers:
 
 def _patches(surface: Surface) -> tuple[Ints, NDArray[np.float64]]:
     """(n, 4) the records of a surface's patches, and their numbers."""
-    records, numbers = zip(*(_group(group, surface.sides[group.face]) for group in surface.groups), strict=True)
+    facts = ((group, surface.sides[group.face], surface.inward[group.face]) for group in surface.groups)
+    records, numbers = zip(*(_group(*each) for each in facts), strict=True)
     starts = np.cumsum([0, *map(len, numbers)])
     for record, start in zip(records, starts, strict=False):
         record[:, 0] += start
     return np.concatenate(records)[surface.tree.order], np.concatenate(numbers)
 
 
-def _group(patches: SurfacePatches, sides: Ints) -> tuple[Ints, NDArray[np.float64]]:
+def _group(patches: SurfacePatches, sides: Ints, inward: Ints) -> tuple[Ints, NDArray[np.float64]]:
     """The records and numbers of patches of one kind."""
     count, (m, k) = len(patches), patches.coefficients.shape[1:3]
     numbers = np.concatenate([patches.bounds, patches.coefficients.reshape(count, -1)], axis=1)
     first = np.arange(count) * numbers.shape[1]
     signs = np.where(sides[:, 0] != sides[:, 1], (sides[:, 0] < 0).astype(np.int64), np.where(sides[:, 0] > 0, 2, 3))
+    signs |= np.where(inward > 0, _INTO, np.where(inward < 0, _OUT_OF, 0))
     kind = np.full(count, patches.corners | k << 8 | m << 16)
     return np.stack([first, kind, patches.outer, signs], axis=1), numbers.reshape(-1)

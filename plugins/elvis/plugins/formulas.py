@@ -13,7 +13,17 @@ from elvis.core.mapping.margins import facets
 from elvis.core.quantities.attributes import from_ideal, is_constant
 from elvis.core.quantities.element_sides import SIDES
 from elvis.core.quantities.expression import Expression
-from elvis.core.quantities.tree import LEAVES, ZERO, Node, leaves, ordered, partial, target_of, whole_exponent
+from elvis.core.quantities.tree import (
+    LEAVES,
+    ZERO,
+    Node,
+    direction_of,
+    leaves,
+    ordered,
+    partial,
+    target_of,
+    whole_exponent,
+)
 from elvis.core.shapes import Shape
 
 _FUNCTIONS: Mapping[str, str] = {
@@ -129,7 +139,8 @@ class Formula:
     @property
     def targets(self) -> tuple[str, ...]:
         """Targets of its distances, in the order of the surfaces on a device."""
-        return tuple(target for name in self.expression.attributes if (target := target_of(name)) is not None)
+        found = (target_of(name) for name in self.expression.attributes)
+        return tuple(dict.fromkeys(target for target in found if target is not None))
 
     @property
     def source(self) -> str:
@@ -176,7 +187,7 @@ class Formula:
     def _is_known(self, leaf: Node) -> bool:
         """Whether discs of a leaf are available; with distances, also of its gradient."""
         if leaf.op == "attribute":
-            return is_constant(leaf.name) or target_of(leaf.name) is not None
+            return is_constant(leaf.name) or is_distance(leaf)
         return leaf.op == "coordinate" or len(leaf.axes) <= (0 if self.targets else 1)
 
     @property
@@ -273,7 +284,7 @@ class Formula:
         root = self.expression.root
         varying = [leaf for leaf in leaves(root) if not (leaf.op == "attribute" and is_constant(leaf.name))]
         if any(
-            (leaf.op == "attribute" and not target_of(leaf.name)) or len(leaf.axes) > (leaf.op == "coordinate")
+            (leaf.op == "attribute" and not is_distance(leaf)) or len(leaf.axes) > (leaf.op == "coordinate")
             for leaf in varying
         ):
             yield "return differences<V, Given>(element, r);"
@@ -377,9 +388,12 @@ class Formula:
         return f"{('value', 'gradient', 'hessian')[len(node.axes)]}{m}{along}"
 
     def _attribute(self, name: str) -> str:
-        target = target_of(name)
+        target, direction = target_of(name), direction_of(name)
         if target is not None:
-            return f"nears[{self.targets.index(target)}].distance"
+            near = f"nears[{self.targets.index(target)}]"
+            if direction is None:
+                return f"{near}.distance"
+            return f"{near}.{'away' if direction.is_away else 'gradient'}.{'xyz'[direction.axis]}"
         if is_constant(name):
             return self._constant(name, "element")
         if name == "quality":
@@ -394,6 +408,11 @@ class Formula:
         """One of an element's numbers."""
         names = self.constants
         return f"element_constants[{element} * {len(names)}u + {names.index(name)}u]"
+
+
+def is_distance(leaf: Node) -> bool:
+    """Whether a leaf is the distance to a surface."""
+    return leaf.op == "attribute" and target_of(leaf.name) is not None and direction_of(leaf.name) is None
 
 
 def is_continuous(root: Node, is_finite: bool) -> bool:

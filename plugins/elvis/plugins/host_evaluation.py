@@ -18,7 +18,7 @@ from elvis.core.distances import Surface, nearest, surface_of
 from elvis.core.errors import ElvisError
 from elvis.core.mapping.tangents import duals
 from elvis.core.quantities import Expression
-from elvis.core.quantities.attributes import from_ideal
+from elvis.core.quantities.attributes import from_ideal, measured
 from elvis.core.quantities.element_sides import SIDES, of_side, side_gradients
 from elvis.core.quantities.functions import function
 from elvis.core.quantities.tree import Node, fold, target_of
@@ -143,7 +143,7 @@ def evaluate_expression(
             return np.asarray(positions()[:, node.axes[0]])
         target = target_of(node.name)
         if target is not None:
-            return nearest(_surface(target), positions()).distance
+            return _measured(node.name, target, positions())
         if node.op == "attribute":
             if node.name in SIDES:
                 return of_side(node.name, side_gradients(hosts[first].shape, points, duals(jacobians())))
@@ -159,6 +159,12 @@ def evaluate_expression(
     with np.errstate(all="ignore"):
         values = fold(expression.root, leaf, lambda node, parts: function(node).numpy(*parts))
     return np.broadcast_to(np.asarray(values, np.float64), len(rows))
+
+
+def _measured(name: str, target: str, positions: Floats) -> Floats:
+    """(n,) a distance or a direction at positions (n, 3)."""
+    surface = _surface(target)
+    return measured(name, surface, positions, nearest(surface, positions))
 
 
 @lru_cache(maxsize=4)

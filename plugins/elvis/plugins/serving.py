@@ -16,7 +16,7 @@ from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.element_sides import SIDES
 from elvis.core.quantities.tree import target_of
 from elvis.plugins.distances import buffers_of
-from elvis.plugins.formulas import Formula, facets_of, ideal_of
+from elvis.plugins.formulas import Formula, facets_of, ideal_of, is_distance
 from elvis.plugins.host_evaluation import (
     POINTWISE,
     HostEvaluation,
@@ -167,5 +167,5 @@ def _quantity(fields: Fields, expression: Expression) -> Quantity:
     surfaces = buffers_of([surface_of(None, target) for target in formula.targets]) if formula.targets else {}
     own = {} if part is fields.part and len(names) < 2 else buffers
     every = {**own, "element_constants": np.ascontiguousarray(table, np.float64), **surfaces}
-    plain = expression.root.op == "attribute" and bool(formula.targets)
+    plain = is_distance(expression.root)
     return Quantity(f"Expressed<{type}, Given>", f"{source} {formula.source}", every, is_distance=plain)

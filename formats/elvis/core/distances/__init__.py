@@ -8,11 +8,13 @@ sides            which side of a closed surface is inside
 surface          a surface with all that its distance takes
 parts            parts of patches, and the squared distance to them with its derivatives
 search           the nearest places, proved by bounds
+directions       unit vectors from the nearest places
 """
 
 from __future__ import annotations
 
+from elvis.core.distances.directions import gradients, vectors_away
 from elvis.core.distances.search import Near, nearest
 from elvis.core.distances.surface import Surface, surface_of
 
-__all__ = ["Near", "Surface", "nearest", "surface_of"]
+__all__ = ["Near", "Surface", "gradients", "nearest", "surface_of", "vectors_away"]

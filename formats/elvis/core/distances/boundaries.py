@@ -17,7 +17,7 @@ from elvis.core.mapping.orientation import local_vertices
 from elvis.core.mesh import NON_CONFORMING, PERIODIC, Mesh
 from elvis.core.polynomials.bernstein import bernstein_space
 from elvis.core.polynomials.collapse import uncollapse
-from elvis.core.polynomials.expansion import values
+from elvis.core.polynomials.expansion import values, values_and_gradients
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.shapes import Shape
 
@@ -37,10 +37,12 @@ class Faces:
 
     patches    each face as one patch, numbered from 0
     vertices  (n, corners) rows of the mesh's vertices at the corners of `surface_patches`
+    inward     (n,) 1 if the normal of a patch points into the element, -1 if out of it; 0 for edges in space
     """
 
     patches: SurfacePatches
     vertices: Ints
+    inward: Ints
 
 
 def boundaries(mesh: Mesh) -> dict[str, Ints]:
@@ -200,9 +202,29 @@ def _take(mesh: Mesh, block: GeometryBlock, members: Ints, wanted: Bools) -> Ite
         if len(rows):
             coefficients = side_coefficients(block.expansion, block.coefficients[rows], local)
             outer = np.full(len(rows), WHOLE[len(local)])
-            yield Faces(
-                SurfacePatches(len(local), coefficients, np.arange(len(rows)), outer), vertices[rows][:, list(local)]
-            )
+            patches = SurfacePatches(len(local), coefficients, np.arange(len(rows)), outer)
+            inward = _inward(block.expansion, block.coefficients[rows], local, mesh.space)
+            yield Faces(patches, vertices[rows][:, list(local)], inward)
+
+
+def _inward(expansion: Expansion, maps: Floats, local: tuple[int, ...], space: int) -> Ints:
+    """(n,) `Faces.inward` of one side of elements.
+
+    In the reference element the normal points inwards or not; the map keeps that if its determinant on the side is
+    positive, and reverses it if it is negative.
+    """
+    corners = expansion.shape.vertices[list(local)]
+    dimension = expansion.shape.dimension
+    if dimension != space:
+        return np.zeros(len(maps), np.int64)
+    along, across = corners[1] - corners[0], corners[-1] - corners[0]
+    normal = np.cross(along, across) if dimension == 3 else np.array([along[1], -along[0]])
+    side = np.sign(normal @ (expansion.shape.vertices.mean(axis=0) - corners[0]))
+
+    middle = corners.mean(axis=0, keepdims=True)
+    gradients = values_and_gradients(expansion, middle)[1][0]
+    jacobians = np.einsum("ncm,im->nci", maps[:, :space], gradients)
+    return np.asarray(side * np.sign(np.linalg.det(jacobians)), np.int64)
 
 
 def side_coefficients(expansion: Expansion, maps: Floats, local: tuple[int, ...]) -> Floats:

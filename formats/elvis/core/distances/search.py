@@ -43,18 +43,24 @@ _WITHIN = 100.0
 class Near:
     """The nearest points of a surface to n points.
 
-    distance  (n,) signed if the surface is closed, negative inside
-    place     (n, 3) the nearest point
+    distance    (n,) signed if the surface is closed, negative inside
+    place       (n, 3) the nearest point
+    patch       (n,) number of the patch that holds it, the groups one after the other; -1 if there is none
+    coordinates (n, 2) of the nearest point in the patch
     """
 
     distance: Floats
     place: Floats
+    patch: Ints
+    coordinates: Floats
 
 
 def nearest(surface: Surface, points: Floats) -> Near:
     """The distances of points (n, 3); NaN for points that are not finite."""
     distance = np.full(len(points), np.nan)
     place = np.full((len(points), 3), np.nan)
+    patch = np.full(len(points), -1)
+    coordinates = np.full((len(points), 2), np.nan)
     goals = np.array(points, np.float64)
     if surface.is_planar:
         goals[:, 2] = 0.0
@@ -66,7 +72,9 @@ def nearest(surface: Surface, points: Floats) -> Near:
             search = _Search(surface, goals[rows[part]], closest[part])
             distance[rows[part]] = search.signed_distances()
             place[rows[part]] = search.place
-    return Near(distance, place)
+            patch[rows[part]] = search.patch
+            coordinates[rows[part]] = search.coordinates
+    return Near(distance, place, patch, coordinates)
 
 
 def _closest_corners(surface: Surface, points: Floats) -> Ints:
@@ -111,6 +119,8 @@ class _Search:
         self.points = points
         self.distance = np.full(len(points), np.inf)
         self.place = np.full(points.shape, np.nan)
+        self.patch = np.full(len(points), -1)
+        self.coordinates = np.full((len(points), 2), np.nan)
         self.equal = EQUAL * surface.scale
         self._first_patch = np.cumsum([0, *map(len, surface.groups)])
         self._found: list[_Places] = []
@@ -234,6 +244,8 @@ class _Search:
         np.minimum.at(self.distance, point, distance)
         best = np.flatnonzero(distance <= self.distance[point])
         self.place[point[best]] = place[best]
+        self.patch[point[best]] = self._first_patch[number] + row[best]
+        self.coordinates[point[best]] = where[best]
 
         near = np.flatnonzero(distance <= self.distance[point] + self.equal)
         if self.surface.is_closed and len(near):

@@ -27,6 +27,7 @@ class Surface:
 
     groups     by kind and degree; faces are numbered through all groups
     sides      (faces, 2) the signs of distances before and behind each face: both 1 if the surface is not closed
+    inward     (faces,) 1 if the face's normal points into its element, -1 if out of it, 0 without an element
     is_closed  whether distances have a sign
     encloses   whether all points of the data are inside or on it
     is_planar  whether it consists of curves in the plane z = 0; the third coordinate of points is then ignored
@@ -34,6 +35,7 @@ class Surface:
 
     groups: Sequence[SurfacePatches]
     sides: Ints
+    inward: Ints
     is_closed: bool
     encloses: bool = False
     is_planar: bool = False
@@ -52,6 +54,20 @@ class Surface:
     def bounds(self) -> Sequence[Floats]:
         """(n, 10) `SurfacePatches.bounds` of each group."""
         return [frozen_floats(group.bounds) for group in self.groups]
+
+    def faces_and_normals(self, patch: Ints, coordinates: Floats) -> tuple[Ints, Floats]:
+        """The face (n,) of patches (n,), and its unit normal (n, 3) at coordinates (n, 2); zero for edges in space."""
+        face = np.zeros(len(patch), np.int64)
+        normals = np.zeros((len(patch), 3))
+        first = np.cumsum([0, *map(len, self.groups)])
+        for number, group in enumerate(self.groups):
+            here = np.flatnonzero((patch >= first[number]) & (patch < first[number + 1]))
+            rows = patch[here] - first[number]
+            face[here] = group.face[rows]
+            if group.corners > 2 or self.is_planar:
+                normals[here] = group.normals(coordinates[here], rows)
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        return face, normals / np.where(length > 0, length, 1.0)
 
     @cached_property
     def corners(self) -> tuple[Floats, Ints]:
@@ -103,7 +119,7 @@ def _from_file(name: str) -> Surface:
     patches = SurfacePatches(3, coefficients, np.arange(len(triangles)), np.full(len(triangles), WHOLE[3]))
     closed = is_closed([triangles])
     sides = sides_of_triangles(points, triangles) if closed else np.ones((len(triangles), 2), np.int64)
-    return Surface((patches,), frozen_ints(sides), closed)
+    return Surface((patches,), frozen_ints(sides), np.zeros(len(triangles), np.int64), closed)
 
 
 def _is_outline(dataset: Dataset, name: str) -> bool:
@@ -124,4 +140,5 @@ def surface_of_faces(dataset: Dataset, name: str, found: Sequence[Faces], ranks:
     planar = dataset.mesh.space == 2
     closed = (planar or dataset.mesh.dimension == 3) and (is_closed(loops) or _is_outline(dataset, name))
     sides = sides_of_faces(loops, patches, ranks) if closed else np.ones((first[-1], 2), np.int64)
-    return Surface(tuple(patches), frozen_ints(sides), closed, closed and name == ALL, planar)
+    inward = np.concatenate([faces.inward for faces in found])
+    return Surface(tuple(patches), frozen_ints(sides), inward, closed, closed and name == ALL, planar)

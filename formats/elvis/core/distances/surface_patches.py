@@ -73,6 +73,12 @@ class SurfacePatches:
         across = np.matmul(powers_t, along.reshape(len(rows), m, 3 * (most + 1)))
         return np.asarray(across.reshape(len(rows), most + 1, most + 1, 3))
 
+    def normals(self, points: Floats, rows: Ints) -> Floats:
+        """(n, 3) normals there, of curves those in the plane, to the right of the direction of the curve."""
+        derivatives = self.derivatives(points, rows, 1)
+        s, t = derivatives[:, 0, 1], derivatives[:, 1, 0]
+        return np.cross(s, t) if self.corners > 2 else s[:, [1, 0, 2]] * (1, -1, 0)
+
     @property
     def vertices(self) -> Floats:
         """(n, corners, 3) where the corners lie."""

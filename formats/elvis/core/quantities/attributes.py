@@ -16,7 +16,8 @@ jump(f)          largest jump of the field f across the element's faces (see `ju
 decay(f)         rate at which the modes of the field f fall with the order (see `resolution.element_resolution`)
 tail(f)          share of the energy of f in the highest modes
 recovered_error(f)  estimated error of the gradient of f on the element (see `resolution.gradient_errors`)
-distance(b)      distance to a boundary or to a file's triangles (see `elvis.core.distances`)
+distance(b)      distance to a boundary or to a file's triangles (see `elvis.core.distances`), and
+d(distance(b),x), bfc_dir1_x(b)  unit vectors from the nearest point (see `tree.Direction`)
 ref:p            the value of p in the dataset named ref, at the same position (see `elsewhere`)
 """
 
@@ -30,14 +31,14 @@ import numpy as np
 
 from elvis.core.arrays import Floats, Ints, frozen_floats
 from elvis.core.dataset import Block, Dataset
-from elvis.core.distances import Surface, nearest, surface_of
+from elvis.core.distances import Near, Surface, gradients, nearest, surface_of, vectors_away
 from elvis.core.geometry import GeometryBlock, geometry
 from elvis.core.mapping import pointwise, tangents
 from elvis.core.patch import Patch
 from elvis.core.quantities.element_sides import SIDES, of_side, side_gradients
 from elvis.core.quantities.element_sizes import composites, sizes
 from elvis.core.quantities.jumps import jumps
-from elvis.core.quantities.tree import measured_of, other_of, target_of
+from elvis.core.quantities.tree import direction_of, measured_of, other_of, target_of
 from elvis.core.shapes import Shape
 from elvis.core.validity.validity import statuses
 
@@ -61,6 +62,18 @@ _IDEAL: Mapping[Shape, list[list[float]]] = {
 }
 
 
+def measured(name: str, surface: Surface, positions: Floats, near: Near) -> Floats:
+    """(n,) the distance to a surface, or a component of a direction, at positions (n, 3).
+
+    near  the nearest points of the surface
+    """
+    direction = direction_of(name)
+    if direction is None:
+        return near.distance
+    vectors = vectors_away if direction.is_away else gradients
+    return vectors(surface, positions, near)[:, direction.axis]
+
+
 def is_constant(name: str) -> bool:
     """Whether an attribute is one number throughout an element."""
     return name in CONSTANT or measured_of(name) is not None
@@ -79,6 +92,7 @@ class Attributes:
         self._dataset = dataset
         self._found: dict[str, tuple[Ints, Floats]] = {}
         self._surfaces: dict[str, Surface] = {}
+        self._nears: dict[str, tuple[Floats, Near]] = {}
         self._others: dict[str, Elsewhere] = {}
 
     def at(self, name: str, patch: Patch, rows: Ints, points: Floats) -> Floats:
@@ -87,10 +101,18 @@ class Attributes:
             return self.constant(name, patch.shape, patch.element_ids[rows])
         target, elsewhere = target_of(name), other_of(name)
         if target is not None:
-            return nearest(self.surface(target), pointwise.positions(patch, rows, points)).distance
+            return self._from_surface(name, target, pointwise.positions(patch, rows, points))
         if elsewhere is not None:
             return self._other(elsewhere[0]).values(elsewhere[1], pointwise.positions(patch, rows, points))
         return _POINTWISE[name](patch, rows, points)
+
+    def _from_surface(self, name: str, target: str, positions: Floats) -> Floats:
+        """(n,) a distance or a direction at positions (n, 3); the last search is shared by several of them."""
+        surface = self.surface(target)
+        known = self._nears.get(target)
+        if known is None or not np.array_equal(known[0], positions):
+            known = self._nears[target] = positions, nearest(surface, positions)
+        return measured(name, surface, *known)
 
     def surface(self, target: str) -> Surface:
         """The surface to which distances are measured."""

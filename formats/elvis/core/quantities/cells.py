@@ -19,16 +19,17 @@ from elvis.core.quantities import intervals as i
 from elvis.core.quantities.attributes import Attributes, is_constant
 from elvis.core.quantities.functions import function
 from elvis.core.quantities.intervals import Interval
-from elvis.core.quantities.tree import Node, fold, target_of
+from elvis.core.quantities.tree import Node, direction_of, fold, target_of
 from elvis.core.shapes import Shape
 
 #: nets (c, D1, …, Dd), by their object (a coordinate or a field) and the direction of its derivative
 Nets = dict[tuple[object, ...], Floats]
 #: bounds of attributes on all elements
+_UNIT: Interval = (-1.0, 1.0)
 _KNOWN: dict[str, Interval] = {
     "quality": (0.0, 1.0),
     "face_height": (0.0, np.inf),
-    **dict.fromkeys(("scaled_jacobian", "nx", "ny", "nz"), (-1.0, 1.0)),
+    **dict.fromkeys(("scaled_jacobian", "nx", "ny", "nz"), _UNIT),
 }
 
 
@@ -101,6 +102,8 @@ class Cells:
         if name == "jacobian" and self._is_solid:
             return self._determinant()
         target = target_of(name)
+        if direction_of(name) is not None:
+            return _UNIT
         if target is not None:
             return self._distance(self.attributes.surface(target))
         return _KNOWN.get(name, i.ENTIRE)

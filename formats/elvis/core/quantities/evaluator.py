@@ -20,7 +20,7 @@ from elvis.core.quantities.element_points import ElementPoints
 from elvis.core.quantities.element_sides import SIDES
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.functions import function
-from elvis.core.quantities.tree import Node, fold, target_of, whole_exponent
+from elvis.core.quantities.tree import Node, direction_of, fold, target_of, whole_exponent
 from elvis.core.sampling import Samples
 
 #: points at once
@@ -65,8 +65,8 @@ class Evaluator:
 
         def sized(node: Node) -> _Sized:
             value = leaf(node)
-            # parts of a unit normal are right to its length
-            if node.name in SIDES:
+            # parts of a unit vector are right to its length
+            if node.name in SIDES or direction_of(node.name) is not None:
                 return value, 1.0
             # a distance is one between coordinates, near the surface also
             is_distance = node.op == "attribute" and target_of(node.name) is not None

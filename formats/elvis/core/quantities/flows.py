@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -200,6 +200,10 @@ class Flow:
     def distance(self, target: str) -> Node:
         """No formula has one."""
         raise AssertionError(f"a distance to {target} in a formula")
+
+    def body_fitted(self, name: str, target: str, assist: Sequence[float]) -> Node:
+        """No formula has one."""
+        raise AssertionError(f"{name} at {target} in a formula")
 
     def rate(self, name: str) -> Node:
         """No formula has one."""

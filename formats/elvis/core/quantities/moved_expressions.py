@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 
@@ -33,6 +33,7 @@ from elvis.core.quantities.tree import (
     attribute,
     call,
     coordinate,
+    direction_of,
     field,
     fold,
     leaves,
@@ -111,6 +112,10 @@ class MovedLeaves:
         target = target_of(node.name)
         if other_of(node.name) is not None or (target is not None and target not in self.names.boundaries):
             raise ElvisError(f"copies: {node.name} is not known on copies of the data")
+        direction = direction_of(node.name)
+        if direction is not None:
+            terms = [(factor, replace(direction, axis=other).attribute) for other, factor in self._row(direction.axis)]
+            return _combined(terms)
         return node
 
     def _measure(self, of: str, name: str) -> Node:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from dataclasses import field as field_of
 from functools import cached_property
@@ -15,6 +15,7 @@ from elvis.core.distances.triangle_files import SUFFIXES
 from elvis.core.errors import ElvisError
 from elvis.core.files.plain import check_plain
 from elvis.core.hints import perhaps
+from elvis.core.quantities.body_fitted import VELOCITIES, body_fitted
 from elvis.core.quantities.complex_functions import is_complex
 from elvis.core.quantities.configurations import derivative_before
 from elvis.core.quantities.derived import DERIVED, derived_rate
@@ -164,6 +165,12 @@ class Names:
                 )
             check_plain(target)
         return attribute(f"distance({target})")
+
+    def body_fitted(self, name: str, target: str, assist: Sequence[float]) -> Node:
+        """A component of the velocity, or of a direction, at a wall; raises ElvisError if there is none."""
+        self.distance(target)
+        velocity = self.flow.velocity() if name in VELOCITIES else ()
+        return body_fitted(name, target, assist, self.flow.dimension, velocity)
 
     def unknown(self, name: str) -> str:
         """A message about an unknown name."""

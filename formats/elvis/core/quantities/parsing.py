@@ -13,6 +13,8 @@ A predefined quantity takes parameters of the flow by name: mach(gamma=1.3).  In
 - abs(E), arg(E), real(E), imag(E) and real(E, degrees) of a complex field, amplitude(E) also of a complex vector
 - distance(b), the distance to a boundary, by name, number or as "all", or to the triangles of a file, whose name is
   quoted
+- u_bfc(b), v_bfc(b), w_bfc(b) and their directions bfc_dir0_x(b), …, with the assisting vector as three numbers after
+  b (see `body_fitted`)
 
 ref:p is p in another dataset named ref here; ref:(u^2+v^2) and ref:d(p,x) are expressions in it.  If both share one
 mesh, these become fields of the data, by coefficients.
@@ -20,13 +22,14 @@ mesh, these become fields of the data, by coefficients.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import reduce
 from typing import Any, Protocol, TypeVar
 
 from elvis.core.complex_fields import Pairs
 from elvis.core.errors import ElvisError
 from elvis.core.grammar import Grammar
+from elvis.core.quantities.body_fitted import ASSIST, DIRECTIONS, VELOCITIES
 from elvis.core.quantities.complex_functions import OF_ONE, is_complex, real_at
 from elvis.core.quantities.derived import DERIVED, with_derived_fields
 from elvis.core.quantities.flows import PUBLIC
@@ -50,6 +53,8 @@ from elvis.core.quantities.tree import (
 
 #: functions that inspect their arguments, and their numbers of operands
 SPECIAL = {"d": 2, "grad": 1, "laplacian": 1, **dict.fromkeys((*MEASURES, *DERIVED), 1), "distance": 1}
+#: functions of a boundary
+AT_WALLS = ("distance", *VELOCITIES, *DIRECTIONS)
 
 T = TypeVar("T")
 
@@ -86,6 +91,8 @@ class Scope(Protocol):
 
     def distance(self, target: str) -> Node: ...  # noqa: D102
 
+    def body_fitted(self, name: str, target: str, assist: Sequence[float]) -> Node: ...  # noqa: D102
+
     def rate(self, name: str) -> Node: ...  # noqa: D102
 
     def derivative(self, of: Node, axis: int) -> Node: ...  # noqa: D102
@@ -113,7 +120,7 @@ class Parser(Grammar[Node]):
             return self._elsewhere(name)
         if not is_quoted and name in OF_ONE and self._is_of_complex():
             return self._of_complex(name)
-        if not is_quoted and name in (*FUNCTIONS, *SPECIAL) and self._take("("):
+        if not is_quoted and name in (*FUNCTIONS, *SPECIAL, *AT_WALLS) and self._take("("):
             return self._called(name)
         if not is_quoted and name in PUBLIC and name not in self._names.fields and self._take("("):
             first, given = self._next - 2, self._named_values()
@@ -180,8 +187,8 @@ class Parser(Grammar[Node]):
         first = self._next - 2
         if name == "d":
             return self._derivative()
-        if name == "distance":
-            return self._distance()
+        if name in AT_WALLS:
+            return self._at_wall(name, first)
         if name in FUNCTIONS:
             return call("^" if name == "pow" else name, *self._arguments(FUNCTIONS[name].arity))
         (of,) = self._arguments(1)
@@ -238,16 +245,27 @@ class Parser(Grammar[Node]):
         assert time is not None
         return found if time is TIME else at_time(found, time.value)
 
-    def _distance(self) -> Node:
-        """distance(b) from its operand on."""
+    def _at_wall(self, name: str, first: int) -> Node:
+        """A function of a boundary from its operand on."""
         kind, text, _ = self._token()
         if kind not in ("name", "quoted", "number"):
             raise self._unexpected("a boundary, or a file in quotes")
         self._next += 1
-        node = self._guard(lambda: self._names.distance(text[1:-1] if kind == "quoted" else text))
+        target = text[1:-1] if kind == "quoted" else text
+        self._guard(lambda: self._names.distance(target))
+        assist: list[float] = []
+        while name != "distance" and len(assist) < len(AXES) and self._take(","):
+            value = self._sum()
+            if value.op != "number":
+                raise self._mistaken(f"expected three numbers after {target}, such as {name}({target}, 0, 1, 0)", first)
+            assist.append(value.value)
+        if len(assist) not in (0, len(AXES)):
+            raise self._unexpected(f"three numbers after {target}, such as {name}({target}, 0, 1, 0)")
         if not self._take(")"):
             raise self._unexpected(") after a boundary, or quotes around a file")
-        return node
+        if name == "distance":
+            return self._names.distance(target)
+        return self._guard(lambda: self._names.body_fitted(name, target, assist or ASSIST), first)
 
     def _guard(self, work: Callable[[], T], first: int | None = None) -> T:
         """Result of ``work``; its errors are reported at a token."""

@@ -90,8 +90,41 @@ def other_of(name: str) -> tuple[str, str] | None:
 
 
 def target_of(name: str) -> str | None:
-    """The target of a distance attribute; None for other attributes."""
+    """The surface of an attribute that is a distance to it or a `Direction`; None for other attributes."""
+    direction = direction_of(name)
+    if direction is not None:
+        return direction.target
     return name[9:-1] if name.startswith("distance(") else None
+
+
+@dataclass(frozen=True)
+class Direction:
+    """A component of a unit vector that the nearest point of a surface gives.
+
+    axis     0, 1 or 2
+    is_away  the vector points away from the surface, on it into the data; otherwise it is the gradient of the distance,
+             which is the opposite vector where distances are negative
+    """
+
+    target: str
+    axis: int
+    is_away: bool
+
+    @property
+    def attribute(self) -> Node:
+        """The attribute, by the name that FieldConvert gives the vector away from a wall."""
+        axis = AXES[self.axis]
+        text = f"bfc_dir1_{axis}({self.target})" if self.is_away else f"d(distance({self.target}),{axis})"
+        return attribute(text)
+
+
+def direction_of(name: str) -> Direction | None:
+    """The direction that an attribute is; None for other attributes."""
+    found = _DIRECTION.fullmatch(name)
+    if found is None:
+        return None
+    gradient, axis, away, target = found.groups()
+    return Direction(gradient or target, AXES.index(axis or away), gradient is None)
 
 
 def measured_of(name: str) -> tuple[str, str] | None:
@@ -124,6 +157,7 @@ def in_dataset(root: Node, dataset: str) -> Node:
     return fold(root, leaf, lambda node, operands: call(node.op, *operands))
 
 
+_DIRECTION = re.compile(r"d\(distance\((.+)\),([xyz])\)|bfc_dir1_([xyz])\((.+)\)", re.S)
 _OTHER = re.compile(r"([^\W\d]\w*):(.+)", re.S)
 ZERO, ONE = number(0.0), number(1.0)
 #: the time, while an expression is differentiated along it
@@ -234,7 +268,9 @@ def world_derivative(root: Node, axis: int) -> Node:
         if leaf.op == "coordinate":
             return number(float(leaf.axes == (axis,)))
         if leaf.op == "attribute":
-            elsewhere = other_of(leaf.name)
+            elsewhere, target = other_of(leaf.name), target_of(leaf.name)
+            if target is not None and direction_of(leaf.name) is None:
+                return Direction(target, axis, is_away=False).attribute
             if elsewhere is None:
                 raise ElvisError(f"there is no derivative of {leaf.name}")
             return other(elsewhere[0], f"d({elsewhere[1]},{AXES[axis]})")

@@ -26,7 +26,7 @@ from elvis.core.quantities.tree import Node
 from elvis.core.shapes import Shape
 from elvis.core.threads import Once
 from elvis.plugins.distances import buffers_of
-from elvis.plugins.formulas import Formula, facets_of, ideal_of, is_continuous
+from elvis.plugins.formulas import Formula, facets_of, ideal_of, is_continuous, is_distance
 from elvis.plugins.native.device_spaces import degrees_of, even_space, field_space, type_arguments
 from elvis.plugins.native.level_models import LevelModels
 from elvis.plugins.native.maps import Keep, Maps, keep_nothing
@@ -167,7 +167,7 @@ class Elements:
         formula = Formula(expression, names, *ideal, facets_of(shape), spurious, matrix, is_finite)
         buffers |= {"element_constants": self._constants(formula.constants), **self._surfaces(formula.targets)}
         bounds = certify if (stands_for or not known) and not self.series else None
-        plain = expression.root.op == "attribute" and bool(formula.targets)
+        plain = is_distance(expression.root)
         rounding = cache(partial(self._rounding_of, expression)) if known else None
         enclosure = None if known or self.series or plain else self._enclosure(formula, type, space)
         level = None if known or plain else partial(self._level, expression)
