@@ -256,10 +256,10 @@ def numbers(text: str, *counts: int) -> tuple[float, ...]:
 
 
 def evenly(text: str) -> tuple[float, float, int]:
-    """``a:b:n``: n times from a to b."""
+    """``a:b:n``: n numbers from a to b."""
     first, last, count = numbers(text.replace(":", ","), 3)
     if count != int(count) or not 1 <= count <= 100_000:
-        raise click.BadParameter(f"expected a number of times from 1 to 100000, found {count:g}")
+        raise click.BadParameter(f"expected a whole number from 1 to 100000 after the second colon, found {count:g}")
     return first, last, int(count)
 
 

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from elvis.plugins.extruded_mean import mean_along
     from elvis.plugins.onto_mesh import onto_mesh
     from elvis.plugins.phases import at_phase
+    from elvis.plugins.plane_means import plane_means
     from elvis.plugins.series.paths import pathlines, streaklines
     from elvis.plugins.series.series import open_series
     from elvis.plugins.series.statistics import average
@@ -154,6 +155,7 @@ __all__ = [
     "onto_mesh",
     "open_series",
     "pathlines",
+    "plane_means",
     "points_on_line",
     "points_on_plane",
     "read",
@@ -253,6 +255,7 @@ NAMES = {
     "elvis.plugins.deforming": ("deform", "largest_scale"),
     "elvis.plugins.extruded_mean": ("mean_along",),
     "elvis.plugins.phases": ("at_phase",),
+    "elvis.plugins.plane_means": ("plane_means",),
     "elvis.plugins.onto_mesh": ("onto_mesh",),
     "elvis.plugins.series.paths": (
         "pathlines",

@@ -8,10 +8,19 @@ from typing import TYPE_CHECKING
 
 import click
 
-from elvis.core.arguments import cache_option, overwrite_option, reader_and_names_option, set_option
+from elvis.core.arguments import (
+    TextType,
+    cache_option,
+    evenly,
+    overwrite_option,
+    reader_and_names_option,
+    set_option,
+)
 from elvis.core.errors import ElvisError
 
 if TYPE_CHECKING:
+    from elvis.core.dataset import Dataset
+    from elvis.plugins.data import Reading
     from elvis.plugins.series.extrema import FitError
     from elvis.plugins.series.series import Series
     from elvis.plugins.series.statistics import Average
@@ -23,6 +32,7 @@ Examples:
   elvis render wing.xml mean.fld --field "sqrt(max(u_u,0))" --plane 0,0,0:0,0,1 -o rms.png
   elvis average wing.xml 'wing_*.chk' --wall wing --set mu=2e-4 -o shear.xml
   elvis average spanwise.xml spanwise.fld --direction z -o mean.xml
+  elvis average channel.xml channel.fld --direction y --planes -1:1:65 -o profile.csv
   elvis average case.pyfrm case-*.pyfrs --over time -o mean.xml
 """
 
@@ -62,35 +72,78 @@ def _tell(found: Average, order: int | None) -> None:
             note(f"{name}: {reason}: {_off(error)}")
 
 
-def _write_mean_mode(
-    files: Sequence[Path], direction: str, output: Path, is_alone: bool, options: dict[str, str]
+def _write_along(
+    files: Sequence[Path], direction: str, planes: tuple[float, float, int] | None, output: Path, reading: Reading
 ) -> None:
-    """Write the mean along a direction of one state."""
-    from elvis.core.terminal import note, say
-    from elvis.formats.writing import write
-    from elvis.plugins.data import Reading, dataset_of
-    from elvis.plugins.extruded_mean import mean_along
+    """Write the mean of one state along a direction, or means over planes across it."""
+    from elvis.core.terminal import note
+    from elvis.plugins.data import dataset_of
     from elvis.plugins.series.series import series_in
 
-    if not is_alone or output.suffix != ".xml":
-        context = click.get_current_context()
-        expected = "expected --direction with -o NAME.xml, without --covariances, --extrema, --order and --wall"
-        raise click.UsageError(expected, context)
-    reading = Reading(None, options)
     if series_in(files, reading) is not None:
         raise ElvisError("--direction: expected one state, found a series; write its mean first, or one step")
-    found = mean_along(dataset_of(files, reading), direction)
-    for remark in found.remarks:
+    dataset = dataset_of(files, reading)
+    for remark in dataset.remarks:
         note(remark)
+    if planes is not None:
+        _write_planes(dataset, direction, planes, output)
+    else:
+        _write_mean_mode(dataset, direction, output)
+
+
+def _write_mean_mode(dataset: Dataset, direction: str, output: Path) -> None:
+    """Write the mean along a direction."""
+    from elvis.core.terminal import note, say
+    from elvis.formats.writing import write
+    from elvis.plugins.extruded_mean import mean_along
+
+    found = mean_along(dataset, direction)
+    for remark in found.remarks:
+        if remark not in dataset.remarks:
+            note(remark)
     say(f"{', '.join(map(str, write(found, output)))}: mean along {direction}")
 
 
-def _write_wall(series: Series, wall: str, over: str, output: Path) -> None:
-    """Write the statistics of a wall."""
+def _write_planes(dataset: Dataset, direction: str, planes: tuple[float, float, int], output: Path) -> None:
+    """Write a table of means over planes across a direction."""
+    import numpy as np
+
+    from elvis.core.files.columns import write_columns
+    from elvis.core.terminal import say, stage
+    from elvis.plugins.plane_means import plane_means
+
+    with stage(f"means over {planes[2]} planes"):
+        found = plane_means(dataset, direction, np.linspace(*planes).tolist())
+    columns = {direction: found.places, "size": found.sizes, **found.means}
+    write_columns(output, {name: np.array(own) for name, own in columns.items()})
+    worst = ", ".join(f"{name} {error:.2g}" for name, error in found.errors.items())
+    say(f"{output}: means over {len(found.places)} planes across {direction}; errors up to {worst}")
+
+
+def _check_direction(direction: str | None, has_planes: bool, is_alone: bool, output: Path) -> None:
+    """Raise UsageError for options that --direction and --planes can't have."""
+    from elvis.core.files.columns import check_suffix
+
+    if direction is None:
+        if has_planes:
+            raise click.UsageError("expected --direction with --planes", click.get_current_context())
+        return
+    if not is_alone or (output.suffix != ".xml" and not has_planes):
+        expected = "expected --direction with -o NAME.xml, without --covariances, --extrema, --order and --wall"
+        raise click.UsageError(expected, click.get_current_context())
+    if has_planes:
+        check_suffix(output)
+
+
+def _write_wall(series: Series, wall: str, over: str, output: Path, is_alone: bool) -> None:
+    """Write the statistics of a wall; UsageError unless the name ends in .xml and there are no other statistics."""
     from elvis.core.terminal import note, say, stage
     from elvis.formats.writing import write
     from elvis.plugins.wall_statistics import wall_statistics
 
+    if output.suffix != ".xml" or not is_alone:
+        expected = "expected --wall with -o NAME.xml, without --covariances, --extrema, --order"
+        raise click.UsageError(expected, click.get_current_context())
     with stage(f"wall shear of {len(series)} steps"):
         found = wall_statistics(series, wall, over)
     for remark in found.report.remarks():
@@ -138,6 +191,13 @@ def _write_wall(series: Series, wall: str, over: str, output: Path) -> None:
     help="Average one state along an axis instead of over steps, exactly, as plane data: the axis of its Fourier "
     "direction, or one along which its hexahedra and prisms are extruded.",
 )
+@click.option(
+    "--planes",
+    metavar="A:B:N",
+    type=TextType(evenly),
+    help="With --direction, means over N planes from A to B across the axis instead of along it: a profile, as .csv, "
+    ".npz or .parquet.",
+)
 @set_option
 @reader_and_names_option
 @overwrite_option
@@ -151,6 +211,7 @@ def average(
     order: int | None,
     wall: str | None,
     direction: str | None,
+    planes: tuple[float, float, int] | None,
     reference: dict[str, float],
     reader: tuple[str, ...],
     overwrite: bool,
@@ -164,25 +225,22 @@ def average(
     from elvis.core.files.output import check_places
     from elvis.core.terminal import say
     from elvis.formats.writing import write
-    from elvis.plugins.data import pairs
+    from elvis.plugins.data import Reading, pairs
     from elvis.plugins.series.series import open_series
     from elvis.plugins.series.statistics import average as mean_of
     from elvis.plugins.series.step_names import expanded
 
     has_mesh = output.suffix == ".xml"
     files = expanded(data)
+    _check_direction(direction, planes is not None, not (covariances or extrema or order or wall), output)
     check_places([output, output.with_suffix(".fld")] if has_mesh else [output], files, overwrite)
     if direction is not None:
-        _write_mean_mode(files, direction, output, not (covariances or extrema or order or wall), pairs(reader))
+        reading = Reading(None, pairs(reader), not no_cache, reference=reference)
+        _write_along(files, direction, planes, output, reading)
         return
     series = open_series(*files, reader=pairs(reader), cache=not no_cache, reference=reference)
     if wall is not None:
-        if not has_mesh or covariances or extrema or order is not None:
-            context = click.get_current_context()
-            raise click.UsageError(
-                "expected --wall with -o NAME.xml, without --covariances, --extrema, --order", context
-            )
-        _write_wall(series, wall, over, output)
+        _write_wall(series, wall, over, output, not (covariances or extrema or order))
         return
     if not (has_mesh or series.is_native):
         raise ElvisError(f"{output}: expected a name ending in .xml, as the mesh is converted")
