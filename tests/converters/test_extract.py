@@ -170,6 +170,21 @@ def test_edges_of_plane_data_are_lines_with_their_fields():
     assert integrate(skin.dataset, "u").value == pytest.approx(integrate(data, "u", over="all").value, rel=1e-12)
 
 
+def test_streamlines_are_clipped(tmp_path, elvis):
+    """Of a rigid rotation: circles, of which the ball leaves arcs with ends on its surface."""
+    data = Dataset(grid(Shape.HEXAHEDRON, 2))
+    velocity = {"u": lambda x: 0.5 - x[:, 1], "v": lambda x: x[:, 0] - 0.5, "w": lambda x: 0 * x[:, 0]}
+    flow = replace(data, fields=tuple(approximated(data, *item, 2) for item in velocity.items()))
+    files = write(flow, tmp_path / "a.xml")
+    options = ["--clip", "outside:sphere:0.8,0.5,0.5:0.2", "--field", "speed", "-o", tmp_path / "a.npz"]
+    elvis("extract", *files, "--streamlines", "line:0.7,0.5,0.5:0.9,0.5,0.5:3", *options)
+    found = np.load(tmp_path / "a.npz")
+    assert (np.linalg.norm(found["points"] - [0.8, 0.5, 0.5], axis=1) <= 0.2 + 1e-12).all()
+    assert found["speed"] == pytest.approx(np.hypot(*(found["points"] - 0.5).T[:2]), abs=1e-4)
+    cut = found["offsets"][1:][found["ends"][found["end"]] == "clip"] - 1
+    assert np.linalg.norm(found["points"][cut] - [0.8, 0.5, 0.5], axis=1) == pytest.approx(0.2, abs=1e-12)
+
+
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
     return write(flow(grid(Shape.HEXAHEDRON, 1)), tmp_path_factory.mktemp("data") / "a.xml")

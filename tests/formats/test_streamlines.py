@@ -14,6 +14,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.polynomials.bases import Basis
 from elvis.core.shapes import Shape
 from elvis.core.streamlines import dop853
+from elvis.core.streamlines.clipped_lines import clipped_lines
 from elvis.core.streamlines.first_roots import bernstein_at, first_roots
 from elvis.core.streamlines.streamlines import trace
 from elvis.core.streamlines.tracer import Tracer
@@ -443,3 +444,24 @@ def test_many_lines_are_announced(monkeypatch):
     for count in (3, 4):
         course.Flow.of(data, course.Course((f"random:{count}",), length=0.1))
     assert said == ["following 4 lines; Ctrl-C stops"]
+
+
+def test_a_clip_cuts_a_circle_where_the_surface_is():
+    """One turn about (0.5, 0.5), cut at x = 0.6: from the seed to there, and from there on again."""
+    dataset = data(grid(Shape.QUADRILATERAL, 3), of_dimension(ROTATION, 2), 2)
+    seed, radius = [0.8, 0.5], 0.3
+    lines = trace(dataset, [seed], duration=2 * np.pi)
+    found = clipped_lines(lines, dataset, "plane:0.6,0,0:1,0,0")
+    assert [found.ends[code] for code in found.end] == ["clip", "duration"]
+    assert (found.seed == 0).all()
+    angle = np.arccos(0.1 / radius)
+    first, second = found[0], found[1]
+    cuts = np.array([first[-1], second[0]])
+    assert np.abs(cuts - [[0.6, 0.5 + 0.1 * s, 0] for s in (np.sqrt(8), -np.sqrt(8))]).max() < 1e-8
+    times = found.time[[found.offsets[1] - 1, found.offsets[1]]]
+    assert times == pytest.approx([angle, 2 * np.pi - angle], abs=1e-3)
+    assert (found.points[:, 0] > 0.6 - 1e-12).all()
+    whole = clipped_lines(lines, dataset, "plane:5,0,0:-1,0,0")
+    assert np.array_equal(whole.points, lines.points)
+    with pytest.raises(ElvisError, match="expected some of the lines to be left"):
+        clipped_lines(lines, dataset, "sphere:0.5,0.5,0:3")

@@ -23,6 +23,8 @@ from elvis.core.arguments import (
 from elvis.core.errors import ElvisError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from elvis.core.complex_fields import ComplexChoice
     from elvis.core.dataset import Dataset
     from elvis.core.deformation import Deformation
@@ -36,6 +38,7 @@ Examples:
   elvis extract wing.xml wing.fld --boundary all --field p -o skin.xml                  a native surface mesh, exact
   elvis extract wing.xml wing.fld --boundary all --field "shear=wall_shear(mu=2e-4)" -o skin.vtu
   elvis extract wing.xml --boundary all --clip plane:0,0.5,0:0,1,0 -o half.stl
+  elvis extract wing.xml wing.fld --streamlines random:50 --clip sphere:0,0,1:1 --field p -o lines.vtp
 """
 
 FILE = click.Path(path_type=Path)
@@ -51,12 +54,21 @@ _MESHES = (".xml", ".vtu", ".msh")
     type=FILE,
     required=True,
     help="File to write: triangles as .stl, .ply, .obj, .glb or .vtp; a boundary with its own elements also as .xml "
-    "(fields go next to it, .fld), .vtu or .msh; a plane across a Fourier direction also as .xml.",
+    "(fields go next to it, .fld), .vtu or .msh; a plane across a Fourier direction also as .xml; lines as .vtp, .csv "
+    "or .npz.",
 )
 @click.option("--boundary", metavar="NAME", help="Name of a boundary, or all for all outer faces.")
 @click.option("--plane", metavar="P:N|z=V", help="Plane through P with normal N, such as 0,0,0.5:0,0,1, or z=0.5.")
 @click.option("--cut", metavar="SURFACE", help="Surface such as sphere:C:R, cylinder:P:A:R, or an equation, x*y=0.1.")
 @click.option("--isosurface", metavar="Q=V", help="Isosurface of quantity Q at value V.")
+@click.option(
+    "--streamlines",
+    "seeds",
+    multiple=True,
+    metavar="SEEDS",
+    help="Streamlines of the velocity from seeds, such as random:50 (see elvis help geometry); elvis trace has more "
+    "options.  Repeatable.",
+)
 @click.option(
     "--field",
     "-f",
@@ -75,8 +87,8 @@ _MESHES = (".xml", ".vtu", ".msh")
     "clips",
     multiple=True,
     metavar="SURFACE",
-    help="Remove the parts of triangles inside plane:P:N, sphere:C:R or cylinder:P:A:R; outside:SURFACE removes those "
-    "outside.  Repeatable.",
+    help="Remove the parts of triangles and lines inside plane:P:N, sphere:C:R or cylinder:P:A:R; outside:SURFACE "
+    "removes those outside.  Repeatable.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, with all digits of the numbers.")
 @reader_option
@@ -104,7 +116,7 @@ def extract(
     overwrite: bool,
     **options: Any,
 ) -> None:
-    """Write a surface of DATA: a boundary, a cut or an isosurface.
+    """Write a surface of DATA, a boundary, a cut or an isosurface, or streamlines.
 
     Triangles have their corners on the exact surface and lie within --tolerance of it, by bounds on second derivatives
     if the quantity is a polynomial on each element, else by an estimate.  They meet without gaps inside elements and
@@ -117,9 +129,10 @@ def extract(
     from elvis.core.terminal import note
     from elvis.plugins.data import Reading, dataset_of, pairs
 
-    surface = _surface({key: options.pop(key) for key in ("boundary", "plane", "cut", "isosurface")})
+    surface = _surface({key: options.pop(key) for key in ("boundary", "plane", "cut", "isosurface", "seeds")})
     is_mesh = _check_output(output, surface, options)
-    check_places([output, output.with_suffix(".fld")] if output.suffix == ".xml" else [output], data, overwrite)
+    read = [*data, *(Path(text) for text in surface[1].split("\n") if Path(text).is_file())]
+    check_places([output, output.with_suffix(".fld")] if output.suffix == ".xml" else [output], read, overwrite)
     reading = Reading(None, pairs(reader), not no_cache, Moment(step, time, between), others)
     reading = replace(reading, reference=reference, deformation=deformation, complexes=complexes)
     dataset = dataset_of(data, reading)
@@ -129,16 +142,21 @@ def extract(
         _write_plane(dataset, surface[1].removeprefix("plane:"), output, options["quantities"], options["as_json"])
     elif is_mesh:
         _write_mesh(dataset, surface[1], output, options["quantities"], options["as_json"])
+    elif surface[0] == "seeds":
+        _write_lines(dataset, surface[1].split("\n"), output, options["quantities"], options["clips"])
     else:
         _write_triangles(dataset, surface, output, **options)
 
 
-def _surface(named: dict[str, str | None]) -> tuple[str, str]:
-    """The kind of the requested surface, boundary or level, and its name."""
-    given = {key: text for key, text in named.items() if text is not None}
+def _surface(named: dict[str, Any]) -> tuple[str, str]:
+    """The kind of the requested surface or lines, and its name; seeds are separated by line ends."""
+    seeds = named.pop("seeds")
+    given = {key: text for key, text in named.items() if text is not None} | ({"seeds": seeds} if seeds else {})
     if len(given) != 1:
-        raise click.UsageError("expected one of --boundary, --plane, --cut and --isosurface")
+        raise click.UsageError("expected one of --boundary, --plane, --cut, --isosurface and --streamlines")
     ((kind, text),) = given.items()
+    if kind == "seeds":
+        return kind, "\n".join(text)
     if kind == "isosurface" and "=" not in text:
         raise click.BadParameter(f"expected Q=V, such as p=0.5, found {text!r}", param_hint="'--isosurface'")
     return kind, f"plane:{text}" if kind == "plane" else text
@@ -150,7 +168,13 @@ def _check_output(output: Path, surface: tuple[str, str], options: dict[str, Any
     Raises ElvisError for an unsuitable name.
     """
     from elvis.converters.triangle_export import SUFFIXES, check_name
+    from elvis.core.streamlines.line_files import check_suffix
 
+    if surface[0] == "seeds":
+        check_suffix(output)
+        if options["tolerance"] is not None or options["as_json"]:
+            raise ElvisError("--streamlines: expected no --tolerance and no --json")
+        return False
     is_plane = surface[0] == "plane" and output.suffix == ".xml"
     if is_plane or (surface[0] == "boundary" and output.suffix in _MESHES):
         if options["tolerance"] is not None or options["clips"]:
@@ -176,6 +200,30 @@ def _named(dataset: Dataset, texts: tuple[str, ...]) -> dict[str, str]:
             raise ElvisError(f"--field: expected each name once, found {label!r} again")
         found[label] = rest if is_named else text
     return found
+
+
+def _write_lines(
+    dataset: Dataset, seeds: Sequence[str], output: Path, texts: tuple[str, ...], clips: tuple[str, ...]
+) -> None:
+    """Trace streamlines and write what the clips leave of them."""
+    from dataclasses import replace
+
+    from elvis.core.streamlines import trace
+    from elvis.core.streamlines.clipped_lines import clipped_lines
+    from elvis.core.streamlines.line_files import write_lines
+    from elvis.core.terminal import print_table, say, stage
+
+    named = _named(dataset, texts) if texts else {}
+    with stage("following lines"):
+        found = trace(dataset, list(seeds), fields=list(named.values()))
+    if not len(found.points):
+        raise ElvisError(f"all {len(found)} seeds lie outside the mesh")
+    for clip in clips:
+        found = clipped_lines(found, dataset, clip)
+    found = replace(found, values={name: found.values[text] for name, text in named.items()})
+    write_lines(output, found, {"seed": found.seed, "end": found.end})
+    print_table(("end", "meaning", "lines"), found.table())
+    say(f"\n{output}: {len(found)} lines with {len(found.points):,} points")
 
 
 def _write_triangles(

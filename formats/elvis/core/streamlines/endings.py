@@ -38,6 +38,8 @@ WORDS = {
     End.INVERTED: ("inverted", "reached an inverted element"),
     End.FAILED: ("failed", "could not be followed to the tolerance"),
 }
+#: the name of the end of a line that was cut after it was traced, which follows the names of boundaries
+CLIPPED = ("clip", "reached a part that --clip removes")
 
 
 def end_names(boundaries: Sequence[str]) -> tuple[str, ...]:

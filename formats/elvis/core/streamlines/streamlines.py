@@ -15,7 +15,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.files.columns import Columns
 from elvis.core.quantities.expression import Expression, column_expressions
 from elvis.core.streamlines.course import SPACING, Course, Flow, MakeTracer, components_of, positive
-from elvis.core.streamlines.endings import WORDS, End, end_names
+from elvis.core.streamlines.endings import CLIPPED, WORDS, End, end_names
 from elvis.core.streamlines.flow_data import FlowSource, flow_data
 from elvis.core.streamlines.line_steps import Piece, points_within
 from elvis.core.streamlines.stretching import Stretching, slope_expressions
@@ -95,7 +95,7 @@ class TracedLines:
 
     def table(self) -> Iterator[tuple[str, str, int]]:
         """The name, the meaning and the number of lines of each kind of end."""
-        meanings = dict(WORDS.values())
+        meanings = dict([*WORDS.values(), CLIPPED])
         for name, count in self.counts().items():
             yield name, meanings.get(name, "left the domain through this boundary"), count
 

@@ -9,9 +9,8 @@ import numpy as np
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
-from elvis.core.integrals.levels_of_elements import Level
-from elvis.core.quantities.functions import function
-from elvis.core.quantities.tree import Node, fold, world_derivative
+from elvis.core.integrals.coordinate_levels import coordinate_clip, heights
+from elvis.core.quantities.tree import Node, world_derivative
 from elvis.core.triangles.surface_triangles import SurfaceTriangles
 
 #: halvings of an edge in search of where the surface cuts it, and of edges that it is not straight along
@@ -27,17 +26,14 @@ def clipped(surface: SurfaceTriangles, dataset: Dataset, clip: str, tolerance: f
     surface, shared edges only once, so no gap opens.  Raises ElvisError for surfaces that depend on more than
     coordinates, and if the result is empty.
     """
-    level = Level.clip(dataset, clip).expression
-    if any(leaf.op != "coordinate" for leaf in level.leaves):
-        raise ElvisError(f"--clip: expected plane:P:N, sphere:C:R or cylinder:P:A:R, found {clip!r}")
-    surface = _divided(surface, level.root, tolerance)
-    heights = _heights(level.root, surface.points)
-    inside = heights < 0
+    root = coordinate_clip(dataset, clip)
+    surface = _divided(surface, root, tolerance)
+    inside = heights(root, surface.points) < 0
     count = inside[surface.triangles].sum(axis=1)
     kept = [surface.triangles[count == 3]]
     cut = surface.triangles[(count > 0) & (count < 3)]
     if len(cut):
-        surface, made = _cut(surface, level.root, inside, cut)
+        surface, made = _cut(surface, root, inside, cut)
         kept.append(made)
     found = replace(surface, triangles=np.concatenate(kept))
     if not len(found.triangles):
@@ -52,9 +48,9 @@ def _divided(surface: SurfaceTriangles, root: Node, tolerance: float) -> Surface
         edges, number = _edges(surface.triangles)
         start, stop = (surface.points[edges[:, k]] for k in (0, 1))
         middle, length = (start + stop) / 2, np.linalg.norm(stop - start, axis=1)
-        height = _heights(root, middle)
-        bend = np.abs(height - (_heights(root, start) + _heights(root, stop)) / 2)
-        slope = np.linalg.norm([_heights(own, middle) for own in gradient], axis=0)
+        height = heights(root, middle)
+        bend = np.abs(height - (heights(root, start) + heights(root, stop)) / 2)
+        slope = np.linalg.norm([heights(own, middle) for own in gradient], axis=0)
         is_near = np.abs(height) <= slope * length + 4 * bend
         marked = is_near & (bend > tolerance * slope)
         if not marked.any():
@@ -95,15 +91,6 @@ def _halved(surface: SurfaceTriangles, edges: Ints, number: Ints, marked: Bools)
     return replace(grown, triangles=np.concatenate(made))
 
 
-def _heights(root: Node, points: Floats) -> Floats:
-    """(n,) values of an expression of coordinates."""
-
-    def leaf(node: Node) -> Floats | float:
-        return node.value if node.op == "number" else points[:, node.axes[0]]
-
-    return np.broadcast_to(fold(root, leaf, lambda node, parts: function(node).numpy(*parts)), len(points))
-
-
 def _cut(surface: SurfaceTriangles, root: Node, inside: Bools, cut: Ints) -> tuple[SurfaceTriangles, Ints]:
     """The surface with points on cut edges, and the remaining triangles (k, 3) of the triangles ``cut``."""
     # the corner that lies on its own side comes first
@@ -125,10 +112,10 @@ def _with_points(surface: SurfaceTriangles, root: Node, ends: Ints) -> SurfaceTr
     """The surface with a point on each edge from one of its points to another (k, 2), where the clip has its zero."""
     start, stop = surface.points[ends[:, 0]], surface.points[ends[:, 1]]
     low, high = np.zeros(len(ends)), np.ones(len(ends))
-    sign = _heights(root, start) < 0
+    sign = heights(root, start) < 0
     for _ in range(_HALVINGS):
         middle = (low + high) / 2
-        is_before = (_heights(root, start + middle[:, None] * (stop - start)) < 0) == sign
+        is_before = (heights(root, start + middle[:, None] * (stop - start)) < 0) == sign
         low, high = np.where(is_before, middle, low), np.where(is_before, high, middle)
     return _between(surface, ends, (low + high) / 2)
 

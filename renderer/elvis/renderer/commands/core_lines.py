@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from elvis.renderer.commands.line_files import check_suffix, write_lines
+from elvis.core.streamlines.line_files import check_suffix, write_lines
 
 if TYPE_CHECKING:
     from elvis.core.cores import VortexCores

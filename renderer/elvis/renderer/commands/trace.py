@@ -9,8 +9,8 @@ import click
 
 from elvis.core.arguments import field_option, json_option, overwrite_option, top_modes_option
 from elvis.core.errors import ElvisError
+from elvis.core.streamlines.line_files import check_suffix, write_lines
 from elvis.renderer.commands.core_lines import check_course, check_seeds, core_options, trace_cores
-from elvis.renderer.commands.line_files import check_suffix, write_lines
 from elvis.renderer.commands.sources import Data, Source, data_options, native_source
 from elvis.scene.commandline.options import COURSE, course_options
 
@@ -61,6 +61,14 @@ KINDS = ("streamlines", "pathlines", "streaklines")
     help="Device that traces large numbers of lines (see elvis devices); reference computes in NumPy.",
 )
 @core_options
+@click.option(
+    "--clip",
+    "clips",
+    multiple=True,
+    metavar="SURFACE",
+    help="Remove the parts of lines inside plane:P:N, sphere:C:R or cylinder:P:A:R; outside:SURFACE removes those "
+    "outside.  Repeatable.",
+)
 @click.option("--ftle", is_flag=True, help="Also compute finite-time Lyapunov exponents with the exact gradient.")
 @field_option
 @top_modes_option
@@ -73,6 +81,7 @@ def trace(
     kind: str,
     releases: int | None,
     spacing: float | None,
+    clips: tuple[str, ...],
     ftle: bool,
     device: str,
     quantities: tuple[str, ...],
@@ -101,12 +110,15 @@ def trace(
     from elvis.core.arguments import texts_of
     from elvis.core.files.output import check_places
     from elvis.core.resolution.truncation import orders_below
+    from elvis.core.streamlines.clipped_lines import clipped_lines
     from elvis.core.terminal import stage
     from elvis.renderer.commands.lines_below import LinesBelow
     from elvis.renderer.passes.streams.following import following
     from elvis.scene import Streamlines
 
     limits = {"criterion": criterion, "min_swirl": min_swirl, "min_length": min_length, "only_q": only_q}
+    if clips and (cores or without_top_modes or kind != KINDS[0]):
+        raise ElvisError("--clip: expected streamlines without --cores and --without-top-modes")
     if without_top_modes and (cores or kind != KINDS[0]):
         raise ElvisError(f"--without-top-modes: expected streamlines, found {'--cores' if cores else kind}")
     if cores:
@@ -146,7 +158,10 @@ def trace(
     if without_top_modes:
         below = native_source(source, "--without-top-modes").without_top_modes()
         less = LinesBelow(orders_below(below.dataset), traced(below))
-    _report(traced(source), output, as_json, less)
+    lines = traced(source)
+    for clip in clips:
+        lines = clipped_lines(lines, native_source(source, "--clip").dataset, clip)
+    _report(lines, output, as_json, less)
 
 
 def _in_time(
