@@ -15,6 +15,7 @@ from elvis.core.mesh import Composite
 from elvis.core.patch import patches
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.quantities import Expression
+from elvis.core.quantities.evaluator import Sampler
 from elvis.core.streamlines.seeds import SeedPlaces, seed_points
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
 from elvis.core.wall_curves import at_walls, on_walls, wall_curves
@@ -280,7 +281,9 @@ def test_the_command(tmp_path, monkeypatch):
         (["--layers", "p"], "expected --layers with --along normal:"),
         (["--snap", "all"], "expected --snap without --along"),
         (["--plot", "q.svg", "--x", "xc"], "there is no column 'xc'"),
-        (["--x", "x"], "expected --x, --reverse and --overlay with --plot"),
+        (["--x", "x"], "expected --x, --reverse, --overlay and --profiles with --plot"),
+        (["--plot", "q.svg", "--profiles", "1"], "expected --profiles with --along normal:"),
+        (["--plot", "q.svg", "--profiles", "0"], "expected auto or a positive number"),
         (["--all"], "without --all and --clip"),
         (["--point", "0,0,0"], "expected --along without other points"),
         (["--plot", "q.svg", "--overlay", "measured.csv:where,who"], "expected a column, one of where, what"),
@@ -289,6 +292,30 @@ def test_the_command(tmp_path, monkeypatch):
         assert done.exit_code != 0
         assert reason in f"{done.output}{done.exception}", wrong
     assert not (tmp_path / "q.svg").exists()
+
+
+def test_profiles_stand_at_their_stations(tmp_path, monkeypatch):
+    """The profile of u = x + y over the floor y = 0 of a square at x = 0.2 and 0.6, from a table, in one call."""
+    from elvis.renderer.commands.look import Look
+    from elvis.renderer.commands.probe_curves import ProbeCurves
+
+    monkeypatch.chdir(tmp_path)
+    bare = Dataset(with_wall(grid(Shape.QUADRILATERAL, 2), lambda corners: corners[..., 1] == 0))
+    data = Dataset(bare.mesh, fields=(approximated(bare, "u", lambda x: x[:, 0] + x[:, 1], 2),))
+    (tmp_path / "stations.csv").write_text("x,y\n0.2,0\n0.6,0\n")
+    own = ProbeCurves(("normal:wall:stations.csv:0.5",), None, None, Look(profiles=0.1))
+    table = own.table(
+        data,
+        ["u"],
+        11,
+        lambda dataset, points: Sampler(dataset, [Expression.of(dataset, "u")]).sample(points).columns(),
+    )
+    plot = own.look.along(table)
+    figure = plot._figure()
+    curves = [line.get_xydata() for line in figure.axes[0].lines[1::2]]
+    for station, curve in zip((0.2, 0.6), curves, strict=True):
+        assert curve[:, 1] == pytest.approx(np.linspace(0, 0.5, 11), abs=1e-14)
+        assert curve[:, 0] == pytest.approx(station + 0.1 * (station + curve[:, 1]), abs=1e-14)
 
 
 def test_points_snap_to_walls_at_the_analytic_distance(tmp_path, monkeypatch):

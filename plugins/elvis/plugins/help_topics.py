@@ -29,7 +29,7 @@ Curves (probe --along, integrate --over):
   spline:P:Q:R                  natural cubic spline through the points
   circle:C:N:RADIUS             full circle around C, perpendicular to N
   normal:BOUNDARY:P:LENGTH      normal of a boundary, from its point nearest to
-                                P towards P
+                                P towards P, or into the data
   boundary:NAME                 boundary of 2D data (not for integrate)
   section:BOUNDARY:plane:P:N    cut of a boundary of 3D data with a plane
 

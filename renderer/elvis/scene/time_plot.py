@@ -81,6 +81,46 @@ class Plot:
         return figure
 
 
+@dataclass(frozen=True, eq=False)
+class Profiles:
+    """Profiles above stations, each drawn at its station as in a figure of a boundary layer.
+
+    stations  (k,) abscissas of the stations
+    heights   of each station (n,)
+    values    of each station (n,), by quantity
+    scale     abscissas per unit of a value; None to fill the gaps between stations
+    """
+
+    stations: Floats
+    heights: Sequence[Floats]
+    values: Mapping[str, Sequence[Floats]]
+    scale: float | None = None
+
+    def save(self, path: Path) -> None:
+        """As `Plot.save`."""
+        _save(path, self._figure)
+
+    def _figure(self) -> Any:
+        """A panel for each quantity: a line at each station, and the profile as the distance from it."""
+        figure, panels = _panels(len(self.values), is_shared=True)
+        for panel, (name, profiles) in zip(panels, self.values.items(), strict=True):
+            scale = self._scale_of(profiles) if self.scale is None else self.scale
+            for station, heights, own in zip(self.stations, self.heights, profiles, strict=True):
+                panel.plot([station, station], [0, heights.max()], color="#bbbbbb", linewidth=0.8)
+                panel.plot(station + scale * own, heights, color="#3b528b", linewidth=1.2)
+            panel.set_ylabel(f"height: x + {scale:.3g} {_plain(name)}")
+            panel.grid(alpha=0.3)
+        panels[-1].set_xlabel("x")
+        return figure
+
+    def _scale_of(self, profiles: Sequence[Floats]) -> float:
+        """The scale at which the largest value takes nine tenths of the smallest gap between stations."""
+        largest = max((float(np.nanmax(np.abs(own), initial=0.0)) for own in profiles), default=0.0)
+        gaps = np.diff(np.unique(self.stations))
+        gap = float(gaps.min()) if len(gaps) else 1.0
+        return 0.9 * gap / largest if largest > 0 else 1.0
+
+
 def _alone(curve: Floats) -> Bools:
     """Flags (n,) of the values (n,), NaN if missing, that have no neighbour: a line plot does not show them."""
     known = np.pad(np.isfinite(curve), 1)

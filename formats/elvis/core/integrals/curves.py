@@ -4,7 +4,8 @@ line:P:Q            from P to Q; a point is X,Y or X,Y,Z
 polyline:P:Q:R:…    straight from each point to the next
 circle:C:N:R        with centre C, normal N and radius R
 spline:P:Q:R:…      the natural cubic spline through points, by the distances of these
-normal:B:P:L        of length L, from the place of boundary B that is nearest to P towards P: along the normal there
+normal:B:P:L        of length L, from the place of boundary B that is nearest to P towards P: along the normal there,
+                    which points into the data if P lies on the boundary
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 
 from elvis.core.arrays import Floats
 from elvis.core.dataset import Dataset
-from elvis.core.distances import nearest, surface_of
+from elvis.core.distances import nearest, surface_of, vectors_away
 from elvis.core.errors import ElvisError
 from elvis.core.polynomials.quadrature import gauss
 
@@ -184,9 +185,9 @@ def _spline(name: str, points: Floats) -> Curve:
 def _normal(dataset: Dataset, name: str, boundary: str, point: Floats, length: float) -> Curve:
     if not 0 < length < np.inf or not boundary:
         raise ValueError
-    near = nearest(surface_of(dataset, boundary), point[None])
-    away = point - near.place[0]
-    size = float(np.linalg.norm(away))
-    if not size > 0:
+    surface = surface_of(dataset, boundary)
+    near = nearest(surface, point[None])
+    away = vectors_away(surface, point[None], near)[0]
+    if not np.isfinite(away).all():
         raise ElvisError(f"{name}: expected a point off the boundary, to determine the direction of the normal")
-    return _polyline(name, np.stack([near.place[0], near.place[0] + length / size * away]))
+    return _polyline(name, np.stack([near.place[0], near.place[0] + length * away]))

@@ -12,7 +12,7 @@ from elvis.core.hints import perhaps
 if TYPE_CHECKING:
     from elvis.core.arrays import Floats
     from elvis.core.files.columns import Columns
-    from elvis.scene.time_plot import Plot
+    from elvis.scene.time_plot import Plot, Profiles
 
 #: columns that are not quantities
 _PLACES = ("along", "curve", "point", "length", "x/c", "x", "y", "z", "nx", "ny", "nz", "element", "status")
@@ -27,13 +27,34 @@ class Look:
     abscissa     the column that they are plotted over; None for the length
     is_reversed  whether values grow downwards
     overlays     tables of measured points, as FILE.csv or FILE.csv:X,Y
+    profiles     whether curves are profiles above their first points, and the abscissas per unit of a value; None for
+                 curves that are not, 0 for a scale that suits the stations
     """
 
     abscissa: str | None = None
     is_reversed: bool = False
     overlays: tuple[str, ...] = ()
+    profiles: float | None = None
 
-    def along(self, columns: Columns) -> Plot:
+    def along(self, columns: Columns) -> Plot | Profiles:
+        """The plot of a table, as `_over` or as profiles."""
+        if self.profiles is None:
+            return self._over(columns)
+        import numpy as np
+
+        from elvis.scene.time_plot import Profiles
+
+        curve = np.asarray(columns.get("curve", np.zeros(len(columns["point"]))))
+        parts = [np.flatnonzero(curve == number) for number in np.unique(curve)]
+        names = [name for name in columns if name not in _PLACES]
+        return Profiles(
+            np.array([columns["x"][rows[0]] for rows in parts], np.float64),
+            [np.asarray(columns["length"][rows], np.float64) for rows in parts],
+            {name: [np.asarray(columns[name][rows], np.float64) for rows in parts] for name in names},
+            self.profiles or None,
+        )
+
+    def _over(self, columns: Columns) -> Plot:
         """The plot of a table; ElvisError for an abscissa that it does not have, and for tables that can't be read."""
         import numpy as np
 

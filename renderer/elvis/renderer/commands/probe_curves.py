@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from elvis.core.arguments import TextType, Triple, expressions, triples
+from elvis.core.arguments import TextType, Triple, expressions, numbers, triples
 from elvis.core.errors import ElvisError
 from elvis.renderer.commands.look import Look
 
@@ -54,11 +54,18 @@ class ProbeCurves:
         """UsageError for options that have nothing to act on."""
         context = click.get_current_context()
         if self.look != Look() and not (is_plotted and self.names):
-            raise click.UsageError("expected --x, --reverse and --overlay with --plot and --along", context)
+            raise click.UsageError("expected --x, --reverse, --overlay and --profiles with --plot and --along", context)
+        if self.look.profiles is not None and (self.look != Look(profiles=self.look.profiles) or self._has_others):
+            raise click.UsageError("expected --profiles with --along normal:… only, and no --x, --reverse, --overlay")
         if self.chord is not None and not self.are_on_walls:
             raise click.UsageError("expected --chord with --along boundary:NAME or section:NAME:plane:P:N", context)
         if self.speed is not None and (not self.names or self.are_on_walls):
             raise click.UsageError("expected --layers with --along normal:BOUNDARY:POINT:LENGTH", context)
+
+    @property
+    def _has_others(self) -> bool:
+        """Whether some curves are not normals, or there are no values along them."""
+        return self.speed is not None or not all("normal:" in name for name in self.names)
 
     def table(self, dataset: Dataset, texts: Sequence[str] | None, count: int, at_points: AtPoints) -> Columns:
         """The table along all curves, with a column of their names if there are several.
@@ -107,6 +114,12 @@ def curve_options(command: Callable[..., None]) -> Callable[..., None]:
         help="With --along normal:…, print a table of boundary layers instead of values: foot point, speed EXPR at the "
         "end of the curve, delta99, displacement and momentum thickness, and shape factor.",
     )
+    @click.option(
+        "--profiles",
+        metavar="auto|SCALE",
+        type=TextType(_scale),
+        help="Plot the values along each normal as a profile above its station: the height over x + SCALE value.",
+    )
     @click.option("--x", "abscissa", metavar="COLUMN", help="Column of --along on the x axis.  [default: length]")
     @click.option("--reverse", is_flag=True, help="Reverse the y axis of the plot, as is usual for Cp.")
     @click.option(
@@ -121,15 +134,26 @@ def curve_options(command: Callable[..., None]) -> Callable[..., None]:
         along: tuple[str, ...],
         chord: tuple[Triple, Triple] | None,
         speed: str | None,
+        profiles: float | None,
         abscissa: str | None,
         reverse: bool,
         overlay: tuple[str, ...],
         **rest: Any,
     ) -> None:
         names = tuple(dict.fromkeys(along))
-        command(curves=ProbeCurves(names, chord, speed, Look(abscissa, reverse, overlay)), **rest)
+        command(curves=ProbeCurves(names, chord, speed, Look(abscissa, reverse, overlay, profiles)), **rest)
 
     return parsed
+
+
+def _scale(text: str) -> float:
+    """A positive number, or 0 for auto."""
+    if text == "auto":
+        return 0.0
+    (found,) = numbers(text, 1)
+    if found <= 0:
+        raise click.BadParameter(f"expected auto or a positive number, found {text!r}")
+    return found
 
 
 def _owner(dataset: Dataset, name: str) -> tuple[Dataset, str]:
