@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from kernel_functions import KernelFunctions
 
 from elvis import Scene, Status
 from elvis.core.dataset import Block, Dataset, Field
@@ -91,6 +92,13 @@ def same_on(draw):
         return drawn, truth
 
     return compare
+
+
+@pytest.fixture(scope="session")
+def functions(renderer, tmp_path_factory):
+    """Functions inside of a kernel, by its name and Slang text that completes it (kernel_functions.py)."""
+    folder = tmp_path_factory.mktemp("kernels")
+    return lambda name, exports="": KernelFunctions(renderer("vulkan").device, name, folder, exports)
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,261 @@
+"""Enclosures of polynomials over sub-elements, on complex ellipses: values lie within them and reach their ends."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+from kernel_functions import parted, width_of
+
+from elvis.core.polynomials.chebyshev_nodes import series
+from elvis.renderer.passes.isosurface.enclosing import AXES, BOXES, powers, tails
+
+COUNT, LEAVES, UNIT = 32, 5, 1.2e-16
+POWERS = np.array([[k % 3, k // 3 % 3, k // 9] for k in range(27)])
+ORDER = POWERS.sum(axis=1)
+NODES, TO_CHEBYSHEV = series(2)
+TO_POWERS = powers(TO_CHEBYSHEV)
+SUMS = np.abs(TO_POWERS).sum(axis=1)
+#: the corners of a box, where polynomials with positive coefficients are largest, and points at its sides
+ENDS = np.array(list(product([-1, 0.2, 1], repeat=3)), float)
+DISC = 7
+FOUND = [
+    {"growth": 1, "weights": 6, "value": 1, "grown": 1, "slopes": 3},
+    {"places": 2, "skewness": 1, "inverse": 9, "values": LEAVES * DISC, "gradients": 3 * LEAVES * DISC},
+    {"middle": 1, "radius": 1, "error": 1, "grid_values": 2, "grid_places": 2},
+    {"spurious": 1, "doubtful": 1, "avoids": 1, "spread": 7, "misfit": 4, "smooth": 1, "hopeless": 1, "steepness": 1},
+]
+
+
+class Boxes:
+    """Sub-elements (n,) of elements whose map and fields are polynomials with positive coefficients (n, 5, 27)."""
+
+    def __init__(self, rng):
+        self.coefficients = rng.uniform(0.02, 0.3, (COUNT, LEAVES, 27)) * 3.0**-ORDER
+        for axis in range(3):
+            self.coefficients[:, axis, 3**axis] += 1.0
+        self.coefficients[:, 3:] *= 10
+        self.coefficients[::3, 4, 0] -= 8
+        self.centre, self.half = rng.uniform(0, 0.6, (COUNT, 3)), rng.uniform(0.05, 0.4, (COUNT, 3))
+        self.half[:4] *= 3
+        self.half[4:10] /= 50
+        self.e, self.kind = rng.integers(7, size=COUNT), np.arange(COUNT) % 3
+        self.errors, self.grid = rng.uniform(1e-3, 1e-2, (COUNT, LEAVES)), rng.uniform(1e-3, 1e-2, (COUNT, LEAVES, 2))
+        self.errors[1::2] *= 1e-8
+        self.level, self.c = rng.uniform(0, 40, COUNT), rng.uniform(1.0, 1.3, COUNT)
+
+    def rows(self):
+        alone = np.stack([self.e, self.kind, self.level, self.c], axis=1)
+        return np.concatenate([self.centre, self.half, alone], axis=1)
+
+    def jets(self, s):
+        """Values and derivatives (n, p, 5, 4) along s at points (n, p, 3) of sub-elements, also complex ones."""
+        r = self.centre[:, None] + self.half[:, None] * s
+        powers_of = np.stack([np.ones_like(r), r, r**2], axis=-1)
+        slopes_of = np.stack([np.zeros_like(r), np.ones_like(r), 2 * r], axis=-1)
+        jets = []
+        for axis in (None, 0, 1, 2):
+            lines = [slopes_of if k == axis else powers_of for k in range(3)]
+            terms = np.prod([line[:, :, k, POWERS[:, k]] for k, line in enumerate(lines)], axis=0)
+            scale = 1.0 if axis is None else self.half[:, None, None, axis]
+            jets.append(scale * np.einsum("npt,nlt->npl", terms, self.coefficients).reshape(COUNT, -1, LEAVES))
+        return np.stack(jets, axis=-1)
+
+
+def on_ellipses(rng, axis):
+    """Points (n, p, 3) of ellipses through ``axis`` (n,), with the ends of their long half axes."""
+    angle = rng.uniform(0, 2 * np.pi, (COUNT, 60, 3))
+    b = np.sqrt(axis**2 - 1)[:, None, None]
+    around = axis[:, None, None] * np.cos(angle) + 1j * b * np.sin(angle)
+    return np.concatenate([around, axis[:, None, None] * ENDS + 0j], axis=1)
+
+
+@pytest.fixture(scope="module")
+def boxes():
+    return Boxes(np.random.default_rng(4))
+
+
+@pytest.fixture(scope="module")
+def enclosed(functions, boxes):
+    given = {
+        "leaf_nodes": NODES,
+        "leaf_transform": TO_POWERS,
+        "leaf_sums": SUMS,
+        "leaf_chebyshev": TO_CHEBYSHEV,
+        "leaf_errors": boxes.errors,
+        "grid_errors": boxes.grid,
+        "polynomials": boxes.coefficients,
+        "axes": np.array(AXES),
+        "box_sizes": np.array(BOXES),
+        "tails": tails(2),
+        "memory": np.zeros(COUNT * 4 * 27),
+    }
+    found = {}
+    for enclosing, groups in (("false", FOUND[:2]), ("true", FOUND[2:])):
+        analytic = f"export static const bool analytic = true; export static const bool enclosing = {enclosing};"
+        kernel = functions("iso_enclose", analytic)
+        for group in parted(kernel(boxes.rows(), width_of(groups), **given), groups):
+            found |= group
+    found["values"] = found["values"].reshape(COUNT, LEAVES, DISC)
+    found["gradients"] = found["gradients"].reshape(COUNT, LEAVES, 3, DISC)
+    found["inverse"] = found["inverse"].reshape(COUNT, 3, 3)
+    return found
+
+
+def lagrange(z):
+    """Values and derivatives (..., 3) of the polynomials that are 1 at one of the nodes."""
+    others = [np.delete(NODES, i) for i in range(3)]
+    scale = np.array([np.prod(NODES[i] - other) for i, other in enumerate(others)])
+    values = np.stack([np.prod([z - x for x in other], axis=0) for other in others], axis=-1) / scale
+    return values, np.stack([2 * z - other.sum() for other in others], axis=-1) / scale
+
+
+def weights_of(c, reach):
+    """Growth (n,), bounds (n, 3) of Lagrange's polynomials and of their derivatives within a reach of places."""
+    c = np.abs(c)
+    a = np.where(c * (c + reach) <= 1, np.sqrt(1 + reach**2 / (1 - np.minimum(c, 0.999) ** 2)), c + reach)
+    ratio = a + np.sqrt(a * a - 1)
+    values, slopes = lagrange(c)
+    once, twice = 4 * np.sqrt(2), 4 * np.sqrt(2)
+    first = np.minimum(np.abs(values) + (reach * ratio * once)[:, None], (ratio**2 * np.sqrt(2))[:, None])
+    second = np.minimum(np.abs(slopes) + (reach * ratio * twice)[:, None], (ratio * once)[:, None])
+    return ratio**2, first, second
+
+
+def test_lagrange_polynomials_are_within_their_weights_around_places(boxes, enclosed):
+    c, reach = boxes.centre[:, 0], AXES[1] * boxes.half[:, 0]
+    angle = np.linspace(0, 2 * np.pi, 81)
+    around = c[:, None] + reach[:, None] * np.exp(1j * angle)
+    values, slopes = lagrange(around)
+    found = enclosed["weights"].reshape(COUNT, 3, 2)
+    assert (np.abs(values).max(axis=1) <= found[..., 0] * (1 + 1e-12)).all()
+    assert (np.abs(slopes).max(axis=1) <= found[..., 1] * (1 + 1e-12)).all()
+    grown = np.abs(2 * around**2 - 1).max(axis=1) / enclosed["growth"]
+    assert grown.max() <= 1
+    assert grown.max() > 0.5
+
+    # closely for small reaches; nodes are symmetric, so that places of both signs have the same weights
+    expected = weights_of(c, reach)
+    assert enclosed["growth"] == pytest.approx(expected[0], rel=1e-12)
+    assert found[..., 0] == pytest.approx(expected[1], rel=1e-12)
+    assert found[..., 1] == pytest.approx(expected[2], rel=1e-12)
+
+
+def carried_of(boxes):
+    """Amplification (n,) of errors of values, growth (n,), and amplification (n, 3) of errors of derivatives."""
+    growth, values, slopes = zip(
+        *(weights_of(boxes.centre[:, k], AXES[1] * boxes.half[:, k]) for k in range(3)), strict=True
+    )
+    nodes = NODES[POWERS]
+    margin = np.minimum(1 + nodes.min(axis=1), -1 - nodes.sum(axis=1))
+    outside = (1 - np.minimum(margin, 0)) ** 2
+    lines = [[slopes[k] if k == axis else values[k] for k in range(3)] for axis in (None, 0, 1, 2)]
+    found = [np.prod([each[:, POWERS[:, k]] for k, each in enumerate(line)], axis=0) @ outside for line in lines]
+    return found[0], np.prod(growth, axis=0), np.stack(found[1:], axis=1)
+
+
+def test_errors_of_series_over_elements_are_carried_to_sub_elements(boxes, enclosed):
+    value, grown, slopes = carried_of(boxes)
+    assert enclosed["value"] == pytest.approx(value, rel=1e-12)
+    assert enclosed["grown"] == pytest.approx(grown, rel=1e-12)
+    assert enclosed["slopes"] == pytest.approx(slopes, rel=1e-12)
+    places = [value * boxes.errors[:, :3].T + grown * boxes.grid[:, :3, 0].T, boxes.grid[:, :3, 1].T]
+    assert enclosed["places"] == pytest.approx(np.stack([each.sum(axis=0) for each in places], axis=1), rel=1e-12)
+    assert enclosed["grid_places"] == pytest.approx(enclosed["places"], rel=1e-12)
+
+
+def check_discs(discs, values, s, axis):
+    """Discs (n, ..., 7) hold values (n, p, ...) at points s, relative to the long half axis; returns parts of radii."""
+    middle, radius, rest, slope = discs[..., 0], discs[..., 1], discs[..., 2], discs[..., 4:]
+    away = np.abs(values - middle[:, None])
+    assert (away <= radius[:, None] * (1 + 1e-9) + 1e-13).all()
+    linear = np.einsum("n...k,npk->np...", slope, s / axis[:, None, None])
+    assert (np.abs(values - middle[:, None] - linear) <= rest[:, None] * (1 + 1e-9) + 1e-13).all()
+    return away.max(axis=1) / radius
+
+
+def test_leaves_lie_within_their_discs_on_ellipses_and_reach_their_ends(boxes, enclosed):
+    """Fields and positions, and the derivatives of fields and of X, whose map is the identity at the middle."""
+    axis = np.array(AXES)[boxes.e]
+    s = on_ellipses(np.random.default_rng(5), axis)
+    jets = boxes.jets(s)
+    part = check_discs(enclosed["values"], jets[..., 0], s, axis)
+    assert part.max() > 0.9
+    turned = np.einsum("nij,npjk->npik", enclosed["inverse"], jets[:, :, :3, 1:])
+    slopes = np.concatenate([turned, jets[:, :, 3:, 1:]], axis=2)
+    assert check_discs(enclosed["gradients"], slopes, s, axis)[:, 3:].max() > 0.8
+    middle = boxes.jets(np.zeros((COUNT, 1, 3)))[:, 0]
+    assert enclosed["values"][:, 3:, 4:] == pytest.approx(axis[:, None, None] * middle[:, 3:, 1:], rel=1e-9)
+    assert enclosed["inverse"] @ middle[:, :3, 1:] == pytest.approx(np.tile(np.eye(3), (COUNT, 1, 1)), abs=1e-11)
+
+
+def outside_of(boxes, extent):
+    corners = boxes.centre[:, None] + np.array(list(product([-1, 1], repeat=3))) * extent[:, None]
+    margin = np.minimum(1 + corners.min(axis=2), -1 - corners.sum(axis=2)).min(axis=1)
+    return (np.abs(corners).max(axis=1).clip(1).prod(axis=1) * (1 - np.minimum(margin, 0))) ** 2
+
+
+def test_radii_of_leaves_have_the_errors_of_values_in_each_coefficient(boxes, enclosed):
+    side = np.maximum(boxes.half, 0.5)
+    share, axis = boxes.half / side, np.array(AXES)[boxes.e][:, None]
+    lattice = np.stack(np.broadcast_arrays(*(NODES[POWERS[:, k]] for k in range(3))), axis=-1)
+    values = boxes.jets(np.broadcast_to(lattice / share[:, None], (COUNT, 27, 3)))[..., 0]
+    matrix = np.prod([TO_POWERS[POWERS[:, None, k], POWERS[None, :, k]] for k in range(3)], axis=0)
+    terms = np.einsum("ij,njl->nil", matrix, values)
+    off = 3 * 11 * UNIT * np.abs(values).max(axis=1) + outside_of(boxes, side)[:, None] * boxes.errors
+    room = np.prod(SUMS[POWERS], axis=1)[:, None] * off[:, None]
+    size = np.abs(terms) * (ORDER > 0)[:, None] + room
+    reach = np.prod((axis * share)[:, None] ** POWERS, axis=2)
+    radius = np.einsum("nt,ntl->nl", reach, size)
+    assert enclosed["values"][..., 1] == pytest.approx(radius, rel=1e-9)
+
+
+def test_errors_of_leaves_have_those_of_values_and_derivatives(boxes, enclosed):
+    """Of values in the element, of coefficients of its series, and of their sums."""
+    value, grown, slopes = carried_of(boxes)
+    direct = outside_of(boxes, 1.42 * boxes.half)[:, None] * boxes.errors
+    coefficients = grown[:, None] * boxes.grid[..., 0]
+    carried = value[:, None] * boxes.errors + coefficients
+    of_values = np.stack([direct, carried, boxes.grid[..., 1]], axis=1)
+    steep = slopes[:, None] * boxes.errors[..., None] + 9 * coefficients[..., None]
+    steps = np.stack(np.broadcast_arrays(4 * direct[..., None], steep, 9 * boxes.grid[..., 1:]), axis=1)
+    steps = steps * boxes.half[:, None, None]
+    kind = np.arange(COUNT), boxes.kind
+    assert enclosed["values"][..., 3] == pytest.approx(of_values[kind], rel=1e-12)
+    assert enclosed["gradients"][:, 3:, :, 3] == pytest.approx(steps[kind][:, 3:], rel=1e-7)
+    turned = np.einsum("nij,njk->nik", np.abs(enclosed["inverse"]), steps[kind][:, :3])
+    rounded = 16 * enclosed["skewness"] * UNIT
+    assert enclosed["gradients"][:, :3, :, 3] == pytest.approx(turned + rounded[:, None, None], rel=1e-7)
+
+
+def test_products_of_fields_are_enclosed_with_their_level(boxes, enclosed):
+    for e, axis in enumerate(AXES):
+        s = on_ellipses(np.random.default_rng(e), np.full(COUNT, axis))
+        fields = boxes.jets(s)[:, :, 3:, 0]
+        values = fields.prod(axis=2) - boxes.level[:, None]
+        part = np.abs(values - enclosed["middle"][:, None]).max(axis=1) / enclosed["spread"][:, e]
+        assert part.max() <= 1
+        assert part.max() > 0.9
+    assert enclosed["radius"] == pytest.approx(enclosed["spread"][:, 0], rel=1e-12)
+    assert np.array_equal(
+        enclosed["avoids"] > 0, (np.abs(enclosed["middle"]) > enclosed["radius"]) | (enclosed["spurious"] > 0)
+    )
+    assert 0 < enclosed["avoids"].sum() < COUNT
+    assert 0 < enclosed["spurious"].sum() < COUNT
+    # the second field says where nothing is to be shown, by more than it is off
+    second = boxes.jets(np.broadcast_to(ENDS, (COUNT, 27, 3)))[:, :, 4, 0]
+    assert (second.min(axis=1)[enclosed["spurious"] > 0] > 0).all()
+    unclear = (enclosed["spurious"] == 0) & (enclosed["doubtful"] == 0)
+    assert (second.max(axis=1)[unclear] < 0).all()
+    assert enclosed["doubtful"].any()
+
+
+def test_misfits_are_those_of_the_best_ellipse_on_the_next_larger_box(boxes, enclosed):
+    known, boxes_at = tails(2), np.searchsorted(BOXES, boxes.c)
+    bounds = enclosed["spread"][:, 1:, None] * known[1:, boxes_at].transpose(1, 0, 2)
+    best = np.argmin(np.where(np.isfinite(bounds[..., 2]), bounds[..., 2], np.inf), axis=1)
+    assert enclosed["misfit"] == pytest.approx(bounds[np.arange(COUNT), best], rel=1e-12)
+    assert enclosed["steepness"] == pytest.approx(1 / (AXES[1] - boxes.c), rel=1e-12)
+    own = enclosed["spread"][:, 1:, None] * known[1:, 0]
+    first = own[np.arange(COUNT), np.argmin(own[..., 2], axis=1), 1]
+    assert np.array_equal(enclosed["hopeless"] > 0, ~(first <= 2e-3 * enclosed["radius"]))
+    assert enclosed["smooth"].all()

@@ -1,0 +1,341 @@
+"""Bounds that iso_follow states of sub-elements: against their largest values in NumPy, and along rays."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+from kernel_functions import parted, width_of
+from numpy.polynomial import chebyshev
+
+from elvis.renderer.passes.isosurface.enclosing import AXES, BOXES, tails
+
+COUNT = 24
+POWERS = np.array([[k % 3, k // 3 % 3, k // 9] for k in range(27)])
+ORDER = POWERS.sum(axis=1)
+UNIT = 1.2e-16
+#: of the kernels: rounding of sums for series with three nodes of a line (test_bounds.py), room, and extents
+SUMMED = 6 * 9 * 10 * UNIT
+ROOM, REACHES = 1e-3, (2.1, 2.5, 3.0, 4.0)
+
+
+def terms_at(c, order):
+    """(n, 27) derivatives of all T_i T_j T_k, of some order in x, y and z, at the corner (c, c, c) of cubes c (n,)."""
+    lines = [np.stack([chebyshev.chebval(c, chebyshev.chebder(row, m)) for row in np.eye(3)], axis=-1) for m in order]
+    return np.prod([line[..., POWERS[:, axis]] + 0.0 * c[:, None] for axis, line in enumerate(lines)], axis=0)
+
+
+def largest_component(v):
+    return np.abs(v).max(axis=-1)
+
+
+class SubElements:
+    """Random series of map and field over sub-elements (n, 27, 4), and what the kernel is told of them."""
+
+    def __init__(self, rng, bent):
+        self.c, self.error, self.amplification = rng.uniform([[1.0], [0.1], [1.0]], [[1.5], [0.2], [2.0]], (3, COUNT))
+        self.series = bent * rng.uniform(-1, 1, (COUNT, 27, 4)) * 4.0 ** -ORDER[:, None]
+        jacobians = 3 * np.eye(3) + rng.uniform(-1, 1, (COUNT, 3, 3))
+        self.series[:, ORDER == 1, :3] = jacobians.swapaxes(1, 2)
+        self.series[:, ORDER == 1, 3] = rng.uniform(0.5, 1, (COUNT, 3)) * rng.choice([-1, 1], (COUNT, 3))
+        self.inverse = np.linalg.inv(jacobians)
+        self.gradient = self.series[:, ORDER == 1, 3]
+        self.centre, self.half = rng.uniform(-0.7, 0.2, (COUNT, 3)), rng.uniform(0.1, 0.5, (COUNT, 3))
+        self.own, self.value = rng.uniform(1e-3, 1e-2, COUNT), rng.uniform(-1, 1, COUNT)
+        self.across, self.misplaced = rng.uniform(1, 2, COUNT), rng.uniform(1e-4, 2e-4, COUNT)
+        self.perspective = rng.integers(2, size=COUNT).astype(float)
+        self.grid_values, self.grid_places = rng.uniform(1e-4, 2e-4, (2, COUNT, 2)) * rng.choice(
+            [0.2, 1.0], (2, COUNT, 1)
+        )
+        self.spread = rng.choice([0.0, 1e-3], COUNT)
+        self.aside, self.off = rng.uniform(0.1, 1, (COUNT, 2)), rng.uniform(0.01, 0.02, (COUNT, 3))
+        self.most = np.abs(self.series).sum(axis=1) - np.abs(self.series[:, 0])
+
+    def rows(self):
+        """As iso_follow_check.slang reads them."""
+        alone = [self.own, self.value, self.across, self.misplaced, self.perspective]
+        last = [self.spread, self.c, self.error, self.amplification]
+        lists = [
+            self.centre,
+            self.half,
+            np.stack(alone, axis=1),
+            self.grid_values,
+            self.grid_places,
+            np.stack(last, axis=1),
+        ]
+        return np.concatenate([*lists, self.aside, self.off, self.most, self.series.reshape(COUNT, -1)], axis=1)
+
+    def steps(self):
+        """(n, 27, 3) terms of the map in steps of s, without the linear part."""
+        return np.einsum("nij,ntj->nti", self.inverse, self.series[..., :3])
+
+
+FIELDS = {"map": 3, "bends": 3, "curls": 3, "field": 1, "steep": 1, "pure": 3, "mixed": 3, "half_hessian": 1}
+BENEFITS = {"gain": 3, "straight": 3, "profit": 3}
+REMAINDER = {**FIELDS, **BENEFITS}
+FOLLOWED = {
+    "follows": 1,
+    "effort": 1,
+    "extent": 1,
+    "remainder": 1,
+    "steepest": 1,
+    "stretch": 1,
+    "curvature": 1,
+    "half_hessian": 1,
+    "noise": 1,
+    "derivative_error": 1,
+    "worth": 3,
+    "direction": 3,
+}
+FOUND = [
+    REMAINDER,
+    REMAINDER,
+    {"misfit": 4},
+    REMAINDER,
+    {"deviation": 3, "around": 3, "extent": 1, "worth": 3, "shift": 3},
+    FOLLOWED,
+]
+
+
+def remainder_of(cases, c):
+    """The largest values on [-c, c]^3 of nonlinear parts of map and field, and of their derivatives: at a corner."""
+    bent, field = np.abs(cases.steps()), cases.series[..., 3]
+    world = np.einsum("ni,nij->nj", cases.gradient, cases.inverse)
+    nonlinear = np.abs(field - np.einsum("ntj,nj->nt", cases.series[..., :3], world))
+    bent[:, ORDER < 2], nonlinear[:, ORDER < 2] = 0.0, 0.0
+    eye = np.eye(3, dtype=int)
+    at, first = terms_at(c, (0, 0, 0)), np.stack([terms_at(c, eye[k]) for k in range(3)], axis=-1)
+    second = np.stack([terms_at(c, 2 * eye[k]) for k in range(3)], axis=-1)
+    cross = np.stack([terms_at(c, 1 - eye[k]) for k in range(3)], axis=-1)
+    total = second.sum(axis=-1) + 2 * cross.sum(axis=-1)
+    beside = np.stack([np.maximum(bent[..., k - 2], bent[..., k - 1]) for k in range(3)], axis=-1)
+    pure, mixed = (np.einsum("ntk,nt->nk", some, nonlinear) for some in (second, cross))
+    return {
+        "map": np.einsum("nt,ntk->nk", at, bent),
+        "bends": np.einsum("nt,ntk->nk", first.sum(axis=-1), bent),
+        "curls": np.einsum("nt,ntk->nk", total, bent),
+        "field": (at * nonlinear).sum(axis=1),
+        "steep": (first.sum(axis=-1) * nonlinear).sum(axis=1),
+        "pure": pure,
+        "mixed": mixed,
+        "half_hessian": pure.sum(axis=1) / 2 + mixed.sum(axis=1),
+        "gain": np.einsum("ntk,nt->nk", first, bent.max(axis=-1)),
+        "straight": np.einsum("ntk,ntk->nk", first, beside) + np.einsum("ntk,ntk->nk", second, bent),
+        "profit": np.einsum("ntk,nt->nk", first, nonlinear),
+    }
+
+
+def with_errors(remainder, shift, error, once, twice, across):
+    """With differences of the map and the field, whose derivatives are at most so many times as large."""
+    once, twice, across = (np.broadcast_to(np.asarray(each, float), shift.shape) for each in (once, twice, across))
+    error = error[:, None]
+    found = dict(remainder)
+    found["map"] = remainder["map"] + shift
+    found["bends"] = remainder["bends"] + once.sum(axis=1, keepdims=True) * shift
+    found["curls"] = remainder["curls"] + (twice + 2 * across).sum(axis=1, keepdims=True) * shift
+    found["steep"] = remainder["steep"] + (once * error).sum(axis=1)
+    found["pure"], found["mixed"] = remainder["pure"] + twice * error, remainder["mixed"] + across * error
+    found["half_hessian"] = found["pure"].sum(axis=1) / 2 + found["mixed"].sum(axis=1)
+    return found
+
+
+def with_misfit(remainder, misfit):
+    """With values, first, pure and mixed second derivatives (n, 4) of a difference of the field, in each direction."""
+    value, first, pure, mixed = misfit.T
+    found = dict(remainder)
+    found["field"], found["steep"] = remainder["field"] + value, remainder["steep"] + 3 * first
+    found["pure"], found["mixed"] = remainder["pure"] + pure[:, None], remainder["mixed"] + mixed[:, None]
+    found["half_hessian"] = remainder["half_hessian"] + 1.5 * pure + 3 * mixed
+    return found
+
+
+def misfit_of(spread, c):
+    """(n, 4) on the smallest known box, by the ellipse on which the second derivatives have the smallest bound."""
+    known = tails(2)
+    boxes = np.searchsorted(BOXES, c)
+    found = np.full((len(c), 4), np.inf)
+    for k, box in enumerate(boxes):
+        if box < len(BOXES):
+            found[k] = spread[k] * known[1 + np.argmin(known[1:, box, 2]), box]
+    return np.where(spread[:, None] > 0, found, 0.0)
+
+
+def check_equal(found, expected, names, rounding=1e-12):
+    for name in names:
+        assert found[name] == pytest.approx(expected[name], rel=rounding, abs=1e-13), name
+
+
+@pytest.fixture(scope="module")
+def follow(functions):
+    kernel = functions("iso_follow", "export static const bool analytic = true;")
+    given = {"axes": np.array(AXES), "box_sizes": np.array(BOXES), "tails": tails(2)}
+    return lambda cases: list(parted(kernel(cases.rows(), width_of(FOUND), **given), FOUND))
+
+
+MARKOV = {"once": 4.0, "twice": 4.0 * 3.0 / 3.0, "across": 16.0}
+
+
+def test_remainders_are_the_largest_values_of_nonlinear_parts(follow):
+    """The corner of a cube has the largest values if all coefficients are positive; errors and misfits add to them."""
+    cases = SubElements(np.random.default_rng(1), 1.0)
+    plain, errors, misfit, both, *_ = follow(cases)
+    expected = remainder_of(cases, cases.c)
+    check_equal(plain, expected, REMAINDER)
+    check_equal(errors, with_errors(expected, cases.off, cases.error, **MARKOV), FIELDS)
+    misfits = misfit_of(cases.spread, np.ones(COUNT))
+    assert misfit["misfit"] == pytest.approx(misfits, rel=1e-12)
+    check_equal(both, with_misfit(errors, misfits), FIELDS)
+
+
+def deviations_of(cases, c):
+    """How far points of [-c, c]^3 are from the straight lines."""
+    bent = np.abs(cases.steps())
+    bent[:, ORDER < 2] = 0.0
+    return np.einsum("nt,ntk->nk", terms_at(c, (0, 0, 0)), bent)
+
+
+def extents_of(cases, off):
+    """The first extent that holds the points of rays through it, or the largest."""
+    own = deviations_of(cases, np.ones(COUNT))
+    wander, least = np.minimum(own.max(axis=1), 0.1), 1 + 2 * ROOM + 2 * np.minimum(off.max(axis=1), 0.1)
+    found = np.full(COUNT, np.nan)
+    for reach in REACHES:
+        extent = least + reach * wander
+        farthest = own + off + deviations_of(cases, extent)
+        found = np.where(np.isnan(found) & (farthest <= extent[:, None] - 1 - ROOM).all(axis=1), extent, found)
+    return np.where(np.isnan(found), extent, found)
+
+
+def outside_of(cases, extent):
+    """Sums of the magnitudes of Bernstein polynomials of degree 2, in each direction and on a tetrahedron."""
+    sides = np.array(list(product([-1, 1], repeat=3)))
+    corners = cases.centre[:, None] + sides * (extent[:, None] * cases.half)[:, None]
+    margin = np.minimum(1 + corners.min(axis=2), -1 - corners.sum(axis=2)).min(axis=1)
+    return (np.abs(corners).max(axis=1).clip(1).prod(axis=1) * (1 - np.minimum(margin, 0))) ** 2
+
+
+def worth_of(remainder, size, error):
+    by_field = 2 * remainder["gain"] + remainder["profit"] / size[:, None]
+    return np.where((size <= 4 * error)[:, None], remainder["straight"], by_field)
+
+
+class Followed:
+    """What is known of rays through sub-elements: iso_follow, in NumPy."""
+
+    def __init__(self, cases):
+        px, py = cases.grid_places.T
+        vx, vy = cases.grid_values.T
+        gradient, inverse = np.abs(cases.gradient), np.abs(cases.inverse)
+        misplaced = np.maximum(cases.misplaced, py)
+        levels = np.stack([2 * cases.across, 2 * cases.across, np.ones(COUNT)], axis=1)
+        to_places = np.einsum("nij,nj->ni", inverse, levels)
+        self.extent = extents_of(cases, (misplaced + px)[:, None] * to_places)
+        growth = chebyshev.chebval(self.extent, [0, 0, 1]) ** 3
+        self.shift = shift_of(cases, growth, growth * cases.amplification * misplaced)
+        own, local = np.maximum(cases.own, vy), SUMMED * (np.abs(cases.value) + cases.most[:, 3])
+        error = growth * (cases.amplification * own + local)
+
+        # of the series, of its distance from the quantity, and of errors that are analytic themselves
+        remainder = remainder_of(cases, self.extent)
+        by_shift = (gradient * self.shift).sum(axis=1)
+        remainder = with_errors(remainder, self.shift, error + by_shift, **MARKOV)
+        beside = self.extent + 3e-3
+        misfit = misfit_of(cases.spread, beside)
+        moved = px[:, None] * to_places
+        smooth, steepness = vx + (gradient * moved).sum(axis=1), 1 / (AXES[1] - beside)
+        analytic = steepness[:, None], 2 * steepness[:, None] ** 2, 2 * steepness[:, None] ** 2
+        remainder = with_errors(with_misfit(remainder, misfit), moved, smooth, *analytic)
+
+        # rays: directions, second derivatives along them
+        turned = inverse[:, :, 0] * cases.aside[:, :1] + inverse[:, :, 1] * cases.aside[:, 1:]
+        self.direction = inverse[:, :, 2] + cases.perspective[:, None] * turned
+        q = np.minimum(remainder["bends"].max(axis=1), 0.5)
+        bend, longest, curl = q / (1 - q), self.direction.max(axis=1), remainder["curls"].max(axis=1)
+        d = self.direction + (bend * longest)[:, None]
+        self.stretch, self.remainder = (1 + bend) * longest, remainder["field"]
+        across = (remainder["mixed"] * d[:, [1, 2, 0]] * d[:, [2, 0, 1]]).sum(axis=1)
+        second = (remainder["pure"] * d**2).sum(axis=1) + 2 * across
+        self.curvature = (second + remainder["steep"] * curl * (1 + bend) * self.stretch**2) / 2
+        self.steepest = 1.5 * gradient.sum(axis=1) + remainder["steep"]
+        self.half_hessian = remainder["half_hessian"] + curl * self.steepest
+        bulge = self.curvature / longest**2
+
+        # values and derivatives: what is computed, and what the series adds
+        places = misplaced[:, None] * to_places
+        wrong = own + (gradient * places).sum(axis=1) + remainder["steep"] * places.max(axis=1)
+        wrong *= outside_of(cases, beside) + cases.amplification
+        self.noise = wrong + local + by_shift / growth + 1e-10 * bulge + misfit[:, 0] + smooth
+        of_rounding = 2 * wrong * (4 * cases.half * d).sum(axis=1)
+        self.derivative_error = of_rounding + (misfit[:, 1] + steepness * smooth) * d.sum(axis=1)
+
+        size = cases.most[:, 3]
+        fits = np.maximum(20 * misfit[:, 0], misfit[:, 1]) <= 1e-3 * size
+        self.worth = np.where(fits[:, None], worth_of(remainder, size, cases.amplification * own + local), cases.half)
+        self.effort = 200 * self.remainder / size * (1 + np.sqrt(bulge / size))
+        own_deviation = deviations_of(cases, np.ones(COUNT))
+        within = (own_deviation + remainder["map"] <= self.extent[:, None] - 1).all(axis=1)
+        straight = (own_deviation.max(axis=1) <= 0.1) & (remainder["bends"].max(axis=1) <= 0.5) & within
+        self.follows = (fits & straight).astype(float)
+
+
+def shift_of(cases, growth, misplaced):
+    """How far the series of the map may be from it, in steps of s: places, and sums of magnitudes."""
+    levels = np.stack([2 * cases.across, 2 * cases.across, np.ones(COUNT)], axis=1)
+    sums = growth[:, None] * SUMMED * (np.abs(cases.series[:, 0, :3]) + cases.most[:, :3])
+    return np.einsum("nij,nj->ni", np.abs(cases.inverse), misplaced[:, None] * levels + sums)
+
+
+def test_bounds_of_rays_match_those_of_numpy(follow):
+    """In sub-elements from nearly straight ones to those that rays can't be followed through."""
+    cases = SubElements(np.random.default_rng(2), np.geomspace(0.01, 3, COUNT)[:, None, None])
+    cases.own[::3] *= 1e3
+    *_, series, followed = follow(cases)
+    growth = chebyshev.chebval(cases.c, [0, 0, 1]) ** 3
+    expected = {
+        "deviation": deviations_of(cases, np.ones(COUNT)),
+        "around": deviations_of(cases, cases.c),
+        "extent": extents_of(cases, cases.off),
+        "worth": worth_of(remainder_of(cases, cases.c), cases.most[:, 3], cases.error),
+        "shift": shift_of(cases, growth, cases.error),
+    }
+    check_equal(series, expected, expected)
+    check_equal(followed, vars(Followed(cases)), FOLLOWED)
+    assert 6 < followed["follows"].sum() < 20
+
+
+def test_fields_along_rays_bend_by_no_more_than_is_stated(follow):
+    """f'' = d H d - grad f . J^-1 (X_dd) with d = J^-1 e_z: at nodes and corners, on straight maps and bent ones."""
+    places = np.array(list(product([-1, 0.3, 1], repeat=3)), float)
+    for bent in (0.0, 0.05):
+        cases = SubElements(np.random.default_rng(3), 1.0)
+        cases.series[:, ORDER > 1, :3] *= bent
+        cases.own = cases.misplaced = cases.spread = cases.perspective = np.zeros(COUNT)
+        cases.grid_values = cases.grid_places = np.zeros((COUNT, 2))
+        *_, found = follow(cases)
+        first, second = jets_of(cases.series, places)
+        d = np.linalg.inv(first[..., :3].swapaxes(2, 3))[..., 2]
+        along = np.einsum("npijc,npi,npj->npc", second, d, d)
+        turned = np.einsum("npck,npk->npc", np.linalg.inv(first[..., :3].swapaxes(2, 3)), along[..., :3])
+        curved = along[..., 3] - (first[..., 3] * turned).sum(axis=2)
+        known = found["follows"] > 0
+        assert known.sum() > 5
+        part = (np.abs(curved).max(axis=1) / 2 / found["curvature"])[known]
+        assert part.max() <= 1
+        assert part.max() > (0.5 if bent == 0 else 0.3)
+        assert (np.abs(d).max(axis=(1, 2)) <= found["stretch"])[known].all()
+        assert (np.abs(first[..., 3]).sum(axis=2).max(axis=1) <= found["steepest"])[known].all()
+
+
+def jets_of(series, places):
+    """First (n, p, 3, 4) and second (n, p, 3, 3, 4) derivatives of series at places (p, 3)."""
+    values = series.reshape(COUNT, 3, 3, 3, 4).transpose(3, 2, 1, 0, 4)
+    x, y, z = places.T
+
+    def derivative(*axes):
+        own = values
+        for axis in axes:
+            own = chebyshev.chebder(own, axis=axis)
+        return np.stack([chebyshev.chebval3d(x, y, z, own[..., k]) for k in range(4)]).transpose(1, 2, 0)
+
+    first = np.stack([derivative(i) for i in range(3)], axis=2)
+    second = np.stack([np.stack([derivative(i, j) for j in range(3)], axis=2) for i in range(3)], axis=2)
+    return first, second

@@ -1,0 +1,235 @@
+"""Quantities along parts of rays in curved elements: values at complex depths lie within what is stated."""
+
+import numpy as np
+import pytest
+from kernel_functions import parted, width_of
+
+from elvis.core.polynomials.chebyshev_nodes import series
+from elvis.renderer.passes.volume.bends import CUBE_AXES, ELLIPSES, LINE_AXES, _grown, line_tails
+
+COUNT, LEAVES, UNIT = 24, 5, 1.2e-16
+POWERS = np.array([[k % 3, k // 3 % 3, k // 9] for k in range(27)])
+ORDER = POWERS.sum(axis=1)
+NODES, TO_CHEBYSHEV = series(2)
+DISC = 7
+FOUND = {
+    "speed": 3,
+    "fast": 1,
+    "placed": 1,
+    "steep": 1,
+    "skewness": 1,
+    "inverse": 9,
+    "turn": 1,
+    "room": 1,
+    "ellipse": 1,
+    "reach": 1,
+    "known": 1,
+    "fields": 2 * DISC,
+    "coordinates": 3 * DISC,
+    "gradient": 3 * DISC,
+    "turned": 9 * DISC,
+    "parts": 4 * len(LINE_AXES),
+    "off": 1,
+}
+
+
+def jets_of(coefficients, s):
+    """Values and derivatives (n, p, 5, 4) of polynomials (n, 5, 27) at points (n, p, 3), also complex ones."""
+    powers = np.stack([np.ones_like(s), s, s**2], axis=-1)
+    slopes = np.stack([np.zeros_like(s), np.ones_like(s), 2 * s], axis=-1)
+    jets = []
+    for axis in (None, 0, 1, 2):
+        lines = [(slopes if k == axis else powers)[:, :, k][..., POWERS[:, k]] for k in range(3)]
+        jets.append(np.einsum("npt,nlt->npl", np.prod(lines, axis=0), coefficients))
+    return np.stack(jets, axis=-1)
+
+
+class Rays:
+    """Points of rays in elements whose map and fields are polynomials, and sums of their derivatives on ellipses."""
+
+    def __init__(self, rng):
+        self.coefficients = rng.uniform(0.01, 0.02, (COUNT, LEAVES, 27)) * 3.0**-ORDER
+        self.coefficients[:, :3] *= rng.choice([0.05, 1.0], (COUNT, 1, 1))
+        for axis in range(3):
+            self.coefficients[:, axis, 3**axis] += 1.0
+        self.coefficients[:, 3:] *= 50
+        self.coefficients[:4, :, ORDER > 1] *= 1e-6
+        self.r = rng.uniform(-0.7, 0.7, (COUNT, 3))
+        self.direction, self.time = rng.uniform(0.3, 1, (COUNT, 3)), rng.uniform(0.05, 0.4, COUNT)
+        self.e, self.errors = rng.integers(9, size=COUNT), rng.uniform(1e-3, 1e-2, (COUNT, LEAVES))
+        self.errors[1::2] *= 1e-8
+        self.back, self.forward = rng.uniform(0.02, 0.2, (2, COUNT))
+        self.measured, self.net = rng.uniform(0, 1e-3, COUNT), rng.uniform(0, 1, (COUNT, 4))
+        self.far = np.where(np.arange(COUNT) % 5, 0.01, 10.0)
+
+    def rows(self):
+        first = [self.r, self.direction, np.stack([self.time, self.e], axis=1)]
+        last = np.stack([self.back, self.forward, self.measured, self.far, np.zeros(COUNT)], axis=1)
+        return np.concatenate([*first, last, self.net], axis=1)
+
+
+def bends_of(rays, errors=0.0):
+    """(n, leaves, ellipses, 2) sums of first and second derivatives at the ends of long half axes, also of errors.
+
+    Rows of the matrix from values to coefficients have magnitudes that sum to 2 at most, in each direction.
+    """
+    nodes = NODES[POWERS]
+    values = jets_of(rays.coefficients, np.tile(nodes, (COUNT, 1, 1)))[..., 0]
+    matrix = np.prod([TO_CHEBYSHEV[POWERS[:, None, k], POWERS[None, :, k]] for k in range(3)], axis=0)
+    size = np.abs(np.einsum("ij,njl->nil", matrix, values))
+    # a corner of the cube has the margin -4
+    off = 8 * (5.0**2 * errors + 3 * 5 * UNIT * np.abs(values).max(axis=1)) if np.ndim(errors) else 0.0
+    size = size + np.broadcast_to(off, (COUNT, LEAVES))[:, None]
+    grown = _grown(2)[:, POWERS]
+    first, pure = np.eye(3, dtype=int), 2 * np.eye(3, dtype=int)
+    orders = [first, [*pure, *(1 - first), *(1 - first)]]
+    sums = [sum(np.prod([grown[:, :, k, m] for k, m in enumerate(order)], axis=0) for order in each) for each in orders]
+    return np.stack([np.einsum("ntl,et->nle", size, each) for each in sums], axis=-1)
+
+
+@pytest.fixture(scope="module")
+def rays():
+    return Rays(np.random.default_rng(8))
+
+
+@pytest.fixture(scope="module")
+def enclosed(functions, rays):
+    kernel = functions("volume_enclose")
+    given = {
+        "polynomials": rays.coefficients,
+        "bent": bends_of(rays),
+        "cube_axes": ELLIPSES,
+        "leaf_errors": rays.errors,
+        "line_axes": np.array(LINE_AXES),
+        "line_tails": line_tails(3),
+    }
+    (found,) = parted(kernel(rays.rows(), width_of([FOUND]), **given), [FOUND])
+    found["inverse"] = found["inverse"].reshape(COUNT, 3, 3)
+    for name in ("fields", "coordinates", "gradient", "turned"):
+        found[name] = found[name].reshape(COUNT, -1, DISC)
+    return found
+
+
+def test_bends_are_the_sums_of_derivatives_on_ellipses(functions, rays):
+    """Of all terms with the errors of values; and not less than those of the polynomials themselves."""
+    kernel = functions("volume_bends")
+    wanted = np.array([0, COUNT, len(CUBE_AXES)], np.uint32)
+    given = {"leaf_nodes": NODES, "leaf_chebyshev": TO_CHEBYSHEV, "grown": _grown(2), "leaf_errors": rays.errors}
+    size = COUNT * LEAVES * len(CUBE_AXES) * 2
+    memory = {"values": np.zeros(COUNT * 6 * 27), "bent": np.zeros(size), "polynomials": rays.coefficients}
+    found = kernel.run(COUNT, "bent", size, wanted=wanted, **given, **memory).reshape(COUNT, LEAVES, -1, 2)
+    assert found == pytest.approx(bends_of(rays, rays.errors), rel=1e-6)
+
+    # second derivatives of polynomials with positive coefficients, at the end of each half axis
+    ends = np.tile(np.array(CUBE_AXES)[None, :, None], (COUNT, 1, 3))
+    first = np.abs(jets_of(rays.coefficients, ends)[..., 1:]).sum(axis=-1).swapaxes(1, 2)
+    assert (first <= found[..., 0]).all()
+    assert (first / found[..., 0])[1::2].max() > 0.99
+
+
+def points_of(rays, time):
+    """Points (n, p, 3) of rays at complex depths within a time (n,), by Newton's method; depths (n, p)."""
+    angle = np.linspace(0, 2 * np.pi, 17)
+    depth = time[:, None] * np.exp(1j * angle)
+    start = jets_of(rays.coefficients, rays.r[:, None])[:, :, :3, 0]
+    target = start + depth[..., None] * rays.direction[:, None]
+    s = np.repeat(rays.r[:, None], len(angle), axis=1) + 0j
+    for _ in range(30):
+        jets = jets_of(rays.coefficients, s)[:, :, :3]
+        s = s - np.linalg.solve(jets[..., 1:], (jets[..., 0] - target)[..., None])[..., 0]
+    return s, depth
+
+
+def check_discs(discs, values, t):
+    """Discs (n, k, 7) hold values (n, p, k), and what is linear in t (n, p); returns parts of radii."""
+    middle, radius, slope = discs[:, None, :, 0], discs[:, None, :, 1], discs[..., 4]
+    away = np.abs(values - middle)
+    room = 1e-12 * (1 + np.abs(values))
+    assert (away <= radius + room).all()
+    assert (np.abs(values - middle - slope[:, None] * t[..., None]) <= discs[:, None, :, 2] + room).all()
+    return (away / radius).max(axis=1)
+
+
+def test_points_of_rays_stay_within_reach_and_fields_within_discs(rays, enclosed):
+    s, depth = points_of(rays, rays.time)
+    known = enclosed["known"] > 0
+    assert known.sum() > 10
+    away = np.abs(s - rays.r[:, None]).max(axis=(1, 2))
+    assert (away <= enclosed["reach"])[known].all()
+    assert (away / enclosed["reach"])[known].max() > 0.9
+    jets = jets_of(rays.coefficients, s)
+    t = depth / rays.time[:, None]
+    inverse = enclosed["inverse"]
+    turned = np.einsum("nij,npjk->npik", inverse, jets[:, :, :3, 1:]).reshape(COUNT, -1, 9)
+    of_map = {"coordinates": jets[:, :, :3, 0], "turned": turned}
+    found = {"fields": jets[:, :, 3:, 0], "gradient": jets[:, :, 4, 1:], **of_map}
+    for name, values in found.items():
+        part = check_discs(enclosed[name][known], values[known], t[known])
+        assert part.max() > (0.9 if name in ("fields", "coordinates") else 0.1), name
+
+
+def test_parts_of_enclosures_follow_from_derivatives(rays, enclosed):
+    """Kantorovich's reach on the first ellipse that holds it, and errors of places times derivatives."""
+    bends, placed, rows = bends_of(rays), enclosed["placed"], np.arange(COUNT)
+    inverse = np.abs(enclosed["inverse"])
+    turns = np.einsum("nij,nje->nie", inverse, bends[:, :3, :, 1]).max(axis=1)
+    assert enclosed["turn"] == pytest.approx(turns[rows, rays.e], rel=1e-12)
+    assert placed == pytest.approx(1e-14 + 1e-10 * turns[:, 0], rel=1e-9)
+    jets = jets_of(rays.coefficients, rays.r[:, None])[:, 0]
+    jacobians = jets[:, :3, 1:]
+    assert enclosed["inverse"] @ jacobians == pytest.approx(np.tile(np.eye(3), (COUNT, 1, 1)), abs=1e-12)
+    speed = np.linalg.solve(jacobians, rays.direction[..., None])[..., 0]
+    assert enclosed["speed"] == pytest.approx(speed, rel=1e-12)
+    assert enclosed["steep"] == pytest.approx(np.abs(jacobians).sum(axis=2).max(axis=1), rel=1e-12)
+    lengths = np.linalg.norm(jacobians, axis=1).prod(axis=1) / np.abs(np.linalg.det(jacobians))
+    assert enclosed["skewness"] == pytest.approx(lengths, rel=1e-12)
+
+    # the distance from an ellipse with the half axis a: of a circle that touches it inside, or at the end of the axis
+    c, axis = np.abs(rays.r), np.array(CUBE_AXES)[:, None, None]
+    with np.errstate(invalid="ignore"):
+        room = np.where(axis * c <= 1, np.sqrt((1 - c**2) * (axis**2 - 1)), axis - c).min(axis=2).T
+    assert enclosed["room"] == pytest.approx(room[rows, rays.e], rel=1e-12)
+
+    way = np.abs(speed).max(axis=1) * rays.time
+    part = 2 * turns * way[:, None]
+    with np.errstate(invalid="ignore"):
+        reach = 2 * way[:, None] / (1 + np.sqrt(1 - part)) + placed[:, None]
+    holds = (part < 0.999) & (reach <= room)
+    holds &= np.logical_and.accumulate(part < 0.999, axis=1)
+    first = np.where(holds.any(axis=1), np.argmax(holds, axis=1), -1)
+    known = enclosed["known"] > 0
+    assert np.array_equal(known, first >= 0)
+    assert np.array_equal(enclosed["ellipse"][known], first[known])
+    assert enclosed["reach"][known] == pytest.approx(reach[rows, first][known], rel=1e-12)
+
+    # errors of fields, positions and derivatives
+    size, degree = np.abs(jets[:, 3:, 1:]).sum(axis=2), 2
+    near = bends[rows, :, np.maximum(first, 0), 1]
+    assert enclosed["fields"][:, :, 3] == pytest.approx(size * placed[:, None] + rays.errors[:, 3:], rel=1e-9)
+    steep = enclosed["steep"] * placed
+    assert enclosed["coordinates"][:, :, 3] == pytest.approx(steep[:, None] + rays.errors[:, :3], rel=1e-9)
+    of_field = 2 * degree * rays.errors[:, 4] + near[:, 4] * placed
+    assert enclosed["gradient"][known][..., 3] == pytest.approx(np.tile(of_field[known, None], (1, 3)), rel=1e-4)
+    map_errors = np.einsum("nij,nj->ni", inverse, rays.errors[:, :3])
+    map_bends = np.einsum("nij,nj->ni", inverse, near[:, :3])
+    reach = enclosed["reach"]
+    width = (near[:, 4] * reach)[known, None]
+    assert enclosed["gradient"][known][..., 1] == pytest.approx(np.tile(width, (1, 3)), rel=1e-9)
+    widths = np.repeat((map_bends * reach[:, None])[known], 3, axis=1)
+    assert enclosed["turned"][known][..., 1] == pytest.approx(widths, rel=1e-9)
+    of_map = 2 * degree * map_errors + 32 * enclosed["skewness"][:, None] * UNIT + map_bends * placed[:, None]
+    assert enclosed["turned"][known][..., 3] == pytest.approx(np.repeat(of_map[known], 3, axis=1), rel=1e-3)
+
+
+def test_differences_from_polynomials_along_rays_take_the_best_proof(rays, enclosed):
+    """On the part itself by its range, on ellipses by their tails; unknown if points lie beyond the reach."""
+    low, high, error, known = np.moveaxis(enclosed["parts"].reshape(COUNT, -1, 4), 2, 0)
+    tails = line_tails(3)
+    with np.errstate(invalid="ignore"):
+        around = rays.measured[:, None] + tails * ((high - low) / 2 + error) + 8 * error
+    around[:, 0] = np.maximum(rays.net.max(axis=1) - low[:, 0], high[:, 0] - rays.net.min(axis=1)) + error[:, 0]
+    best = np.where(known > 0, around, np.inf).min(axis=1)
+    found = enclosed["off"]
+    some = np.isfinite(found)
+    assert 0 < some.sum() < COUNT
+    assert found[some] == pytest.approx(best[some], rel=1e-9)
