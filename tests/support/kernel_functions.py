@@ -8,6 +8,7 @@ import zlib
 from pathlib import Path
 
 import numpy as np
+import slangpy
 
 from elvis.plugins.volume import interface_folder
 from elvis.renderer.device import SHADERS
@@ -55,8 +56,12 @@ class KernelFunctions:
 
     def run(self, items, result, size, **given):
         """The first numbers of an array of the kernel, after it has run with all of these."""
-        buffers = {name: self._device.buffer(np.asarray(array)) for name, array in given.items()}
-        unused = dict.fromkeys(self._kernel._needed, self._device.buffer(np.zeros(64)))
+        scalars = {name for name, kind in self._kernel._needed.items() if kind == slangpy.TypeReflection.Kind.scalar}
+        nothing = self._device.buffer(np.zeros(64))
+        unused = {name: np.zeros(1) if name in scalars else nothing for name in self._kernel._needed}
+        buffers = {
+            name: array if name in scalars else self._device.buffer(np.asarray(array)) for name, array in given.items()
+        }
         self._kernel(items, {**unused, **buffers})
         return self._device.read(buffers[result], np.float64)[:size]
 
