@@ -19,6 +19,8 @@ FOUND = {
     "from": 2,
     "to": 2,
     "cells": 6,
+    "first_cells": 2,
+    "left": 2,
     "empty": 2,
 }
 #: margins of the unit square's half below the diagonal: x, y, and 1 - x - y
@@ -52,7 +54,12 @@ class Squares:
         turn = rng.uniform(-1, 1, (COUNT, 2, 2))
         self.nodes = np.zeros((COUNT, 9, 3))
         self.nodes[..., :2] = np.einsum("nij,kj->nki", turn, flat[:, :2] - 0.5) + rng.uniform(-0.2, 0.7, (COUNT, 1, 2))
-        self.nodes[::2, :, :2] += rng.uniform(-0.05, 0.05, (COUNT // 2, 9, 2))
+        # each way that is largest at some place between nodes, where all of their deviations add up
+        worst = np.sign([weights_at(*rng.choice([0.4, 1.6], 2)) for _ in range(COUNT // 2)])
+        self.nodes[::2, :, :2] += 0.05 * rng.choice([-1, 1], (COUNT // 2, 1, 2)) * worst[..., None]
+        # half a cell beyond the last column of cells, the border of the element is a little farther, or nearer
+        self.nodes[-2:] = 2 * flat - [2.125, 0, 0]
+        self.nodes[-2:, :, 0] += np.array([[-0.5e-10], [-1.5e-10]])
 
     def at(self, places):
         x, y = (places - self.middle).T
@@ -152,6 +159,14 @@ def test_cells_with_lines_are_those_whose_corners_lie_on_both_sides(squares, fou
     assert np.array_equal(found["in_triangle"], own)
 
 
+def test_cells_are_taken_in_order(found):
+    for cells, first, left in zip(bits(found["cells"][:, 2:4]), found["first_cells"], bits(found["left"]), strict=True):
+        among = np.flatnonzero(cells)
+        if len(among) > 2:
+            assert (first == among[:2]).all()
+            assert np.array_equal(np.flatnonzero(left), among[2:])
+
+
 def turning(away, noise):
     """Corners (n, 9, 9) that may be the middle of a dip on a side of a cell."""
     found = np.zeros(away.shape, bool)
@@ -188,20 +203,28 @@ def test_lines_in_triangles_end_on_two_sides_at_the_level(squares, found):
 
 def test_empty_cells_have_no_point_in_the_element_within_half_a_cell(squares, found):
     empty = bits(found["empty"])
-    line = (np.arange(-1, 2 * MANY + 2)) / MANY
+    line = np.arange(-1, 2 * MANY + 2) / MANY
     margins = np.stack([margins_at(squares.nodes, x, y) for y, x in product(line, line)], axis=1)
     margins = margins.reshape(COUNT, len(line), len(line), 3)
+    # maps that are not linear are bounded between their nodes
+    margins[np.ix_(range(0, COUNT - 2, 2), [0, -1])] = -np.inf
+    margins[np.ix_(range(0, COUNT - 2, 2), range(len(line)), [0, -1])] = -np.inf
     greatest = np.full((COUNT, MANY, MANY, 3), -np.inf)
     for y, x in product(range(5), range(5)):
         greatest = np.maximum(greatest, margins[:, y : y + 2 * MANY : 2, x : x + 2 * MANY : 2])
     is_outside = (greatest < 0).any(axis=3)
+    assert (empty[-2:].all(axis=1) == [[*[True] * 7, is_beyond] for is_beyond in (False, True)]).all()
     assert not (empty & ~is_outside).any()
     assert np.array_equal(empty[1::2], is_outside[1::2])
     assert empty[::2].sum() > 0.3 * is_outside[::2].sum()
 
 
-def margins_at(nodes, x, y):
-    """(n, 3) margins at a place of [0, 2]^2, biquadratic through nodes."""
+def weights_at(x, y):
+    """(9,) of the nodes of a biquadratic function at a place of [0, 2]^2."""
     u, v = (np.array([(t - 1) * (t - 2) / 2, t * (2 - t), t * (t - 1) / 2]) for t in (x, y))
-    place = np.einsum("nkc,k->nc", nodes, np.outer(v, u).reshape(-1))
-    return place @ FACETS[:, :3].T + FACETS[:, 3] + 1e-10
+    return np.outer(v, u).reshape(-1)
+
+
+def margins_at(nodes, x, y):
+    """(n, 3) margins at a place, biquadratic through nodes."""
+    return np.einsum("nkc,k->nc", nodes, weights_at(x, y)) @ FACETS[:, :3].T + FACETS[:, 3] + 1e-10
