@@ -50,9 +50,13 @@ class KernelFunctions:
     def __call__(self, rows, count, **given):
         """Results (n, count); arrays and records of the kernel are given by name, and are zero otherwise."""
         rows = np.ascontiguousarray(rows, float)
-        own = {"given": rows, "sizes": np.array([rows.shape[1], count], np.uint32), **given}
+        own = {"given": rows, "sizes": np.array([rows.shape[1], count, len(rows)], np.uint32), **given}
         own["found"] = np.full(len(rows) * count, np.nan)
         return self.run(len(rows), "found", own["found"].size, **own).reshape(-1, count)
+
+    def records(self, name, count):
+        """Records (count,) of the kernel, all zero."""
+        return np.zeros(count, self._kernel.dtype(name))
 
     def run(self, items, result, size, **given):
         """The first numbers of an array of the kernel, after it has run with all of these."""
