@@ -17,6 +17,7 @@ from elvis.core.cores.matrix_ranges import Eigenvalue, MatrixRange
 from elvis.core.cores.outer_sides import OuterSides
 from elvis.core.cores.parallel import ParallelVectors, rotations
 from elvis.core.dataset import Dataset
+from elvis.core.geometry import geometry
 from elvis.core.integrals.subcells import subcell_map
 from elvis.core.mapping.enclosure import _Cells, _root_bounds
 from elvis.core.mapping.margins import facets, heights
@@ -166,8 +167,19 @@ def errors_of_quick_determinants(rng):
     yield np.abs(np.linalg.det(moved_matrices) - np.linalg.det(matrix)), enclosed_determinants._error(columns)
 
 
+def quotients_on_pyramids(rng):
+    """Derivatives that are off each way, divided by what their coefficients have in common towards the apex."""
+    space = BernsteinSpace(Shape.PYRAMID, (2, 2, 3))
+    nets, errors = rng.uniform(-1, 1, (COUNT, 3, space.count)), rng.uniform(0.05, 0.2, (COUNT, 3))
+    _, divided, found = determinants._divide(space, nets, errors)
+    ways = rng.choice([-1.0, 1.0], nets.shape)
+    moved_nets = determinants._divide(space, nets + errors[..., None] * ways, errors)[1]
+    yield np.abs(moved_nets - divided).max(axis=2), found
+
+
 CLAIMS = [
     errors_of_quick_determinants,
+    quotients_on_pyramids,
     roots_in_cells,
     heights_of_moved_points,
     sums_and_products_of_polynomials,
@@ -180,6 +192,28 @@ CLAIMS = [
 @pytest.mark.parametrize("claim", CLAIMS)
 def test_values_lie_within_bounds_and_some_near_their_ends(claim):
     check(claim, WIDE.get(claim.__name__, TEETH))
+
+
+def test_rounding_of_quick_determinants_is_relative_to_their_largest_value(monkeypatch):
+    """The mean is off as far as its sum may be, which lowers all values, also those at the corner (1, 1, 1)."""
+    (block,) = geometry(Dataset(curved(grid(Shape.HEXAHEDRON, 1), lambda points: points**4, 5)))
+    largest = enclosed_determinants.enclosures(block.expansion, block.coefficients).maximum
+    # of these sums only, not of those of the net
+    of_net = 3 * (enclosed_determinants.LOW + enclosed_determinants._ENTRY)
+    monkeypatch.setattr(enclosed_determinants, "gamma", lambda count: count * COARSE if count > of_net else 0.0)
+    monkeypatch.setattr(enclosed_determinants, "_error", lambda columns: np.zeros(1))
+    exact, is_series = enclosed_determinants.along_axes, iter([*[False] * 9, True, *[False] * 9])
+
+    def rounded(values, *tables):
+        found = exact(values, *tables)
+        if not next(is_series):
+            return found
+        of_sums = sum(len(table) for table in tables) * COARSE * exact(np.abs(values), *map(np.abs, tables))
+        found[:, 0, 0, 0] -= of_sums[:, 0, 0, 0]
+        return found
+
+    monkeypatch.setattr(enclosed_determinants, "along_axes", rounded)
+    assert (enclosed_determinants.enclosures(block.expansion, block.coefficients).upper >= largest).all()
 
 
 @pytest.mark.parametrize(("part", "is_empty"), [(0.99, False), (1.01, True)])

@@ -301,6 +301,12 @@ def test_rounding_of_a_cubic_is_in_the_disc_of_its_root(monkeypatch):
     off = discs._real_root(exact[0], (exact[1][0], np.array([0.1])), np.array([2.0]))[1]
     assert off[0] >= radius[0] + 0.1 / 10
 
+    # in addition to its own rounding, as if the last term were off by the rounding of all
+    own = discs.rounded(middle, np.zeros(1))[1]
+    monkeypatch.setattr(discs, "_ROUNDING", 0.0)
+    of_terms = discs._real_root(exact[0], (exact[1][0], np.array([16 * COARSE])), np.array([2.0]))[1]
+    assert radius[0] >= own[0] + of_terms[0]
+
 
 def test_middle_eigenvalues_are_rounded_by_the_size_of_the_matrix(monkeypatch):
     monkeypatch.setattr(discs, "_ROUNDING", 1e-4)
