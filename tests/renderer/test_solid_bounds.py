@@ -1,0 +1,200 @@
+"""Curves, strips and solids next to rays: what is proved of them holds for all that their bounds allow."""
+
+# the kernel "ribbon" has functions of "tube", and its check calls those of "frustum"
+import numpy as np
+import pytest
+from kernel_functions import parted, width_of
+
+COUNT = 400
+ASIDE, SINGLE, LEVEL = 0, 1, 2
+FOUND = {
+    **dict.fromkeys(["part", "bends"], 1),
+    "room": 3,
+    "turning": 1,
+    "offset": 2,
+    "stretch": 1,
+    "interval": 2,
+    **dict.fromkeys(["aside", "rounding"], 1),
+}
+
+
+class Solids:
+    """Curves and strips relative to a ray, and frusta with rays of their own."""
+
+    def __init__(self, rng):
+        def some(low, high, *shape):
+            return rng.uniform(low, high, (COUNT, *shape))
+
+        self.half, self.turn = rng.choice([0.1, 1.0], COUNT), some(0, 1) * rng.choice([0.0, 0.1, 1.0], COUNT)
+        self.slack, self.width = some(0.01, 0.02) * rng.choice([0, 1], COUNT), some(0.3, 0.6)
+        self.way, self.growth = rng.choice([-1.0, 1.0], COUNT), some(-0.1, 0.1, 3) * rng.choice([0, 1], (COUNT, 1))
+        self.at, self.speed = some(-1, 1, 3), some(-1, 1, 3) * rng.choice([0.3, 1.0], (COUNT, 1))
+        self.curved = some(-1, 1, 3)
+        self.curved *= (self.turn / np.linalg.norm(self.curved, axis=1))[:, None]
+        self.radius = some(0.1, 0.8)
+        # the ray's nearest end, turned towards it as far as allowed
+        self.side, self.swing = some(-1, 1, 3), some(-0.3, 0.3, 3) * rng.choice([0, 1], (COUNT, 1))
+        self.side /= np.linalg.norm(self.side, axis=1, keepdims=True)
+        self.swings = some(0, 0.5) * rng.choice([0, 1], COUNT)
+        self.at[::4] *= 0.02
+        self.base, self.axis = some(-1, 1, 3), some(-1, 1, 3)
+        self.axis /= np.linalg.norm(self.axis, axis=1, keepdims=True)
+        self.length, self.wide, self.slope = some(0.2, 2), some(0.1, 1), some(-0.9, 0) * rng.choice([0, 1], COUNT)
+        self.origin, self.along = some(-2, 2, 3), some(-1, 1, 3)
+        self.along[::2] = (self.base - self.origin + some(-1, 1, 3))[::2]
+        self.along[1::9] = self.axis[1::9]
+        self.along /= np.linalg.norm(self.along, axis=1, keepdims=True)
+        self.room = some(0, 0.1) * rng.choice([0, 1], COUNT)
+
+    def rows(self):
+        columns = [
+            *[self.half, self.turn, self.slack, self.width, self.way, self.growth, self.at, self.speed, self.curved],
+            *[self.radius, self.side, self.swing, self.origin, self.along, self.room],
+        ]
+        return np.concatenate([np.reshape(column, (COUNT, -1)) for column in columns], axis=1)
+
+
+@pytest.fixture(scope="module")
+def solids():
+    return Solids(np.random.default_rng(14))
+
+
+@pytest.fixture(scope="module")
+def found(functions, solids):
+    kernel = functions("ribbon")
+    strips, frusta = kernel.records("strips", COUNT), kernel.records("solids", COUNT)
+    strips["turn"], strips["swing"] = solids.turn, solids.swings
+    for name in ("base", "axis", "length", "slope"):
+        frusta[name] = getattr(solids, name)
+    frusta["radius"] = solids.wide
+    (found,) = parted(kernel(solids.rows(), width_of([FOUND]), strips=strips, solids=frusta), [FOUND])
+    return found
+
+
+def curves_of(solids, rng, count=8):
+    """Points, first and second derivatives (curves, n, u, 3) of parabolas that turn as much as they may."""
+    u = np.linspace(-1, 1, 41) * solids.half[:, None]
+    ways = rng.normal(size=(count, COUNT, 3))
+    # the first ones turn towards the ray, or away from it, across it
+    ways[:2] = [solids.at * [1, 1, 0], -solids.at * [1, 1, 0]]
+    second = ways / np.linalg.norm(ways, axis=2, keepdims=True) * solids.turn[:, None]
+    place = solids.at[:, None] + u[..., None] * solids.speed[:, None]
+    places = place + u[..., None] ** 2 / 2 * second[:, :, None]
+    speeds = solids.speed[:, None] + u[..., None] * second[:, :, None]
+    return u, places, speeds, np.broadcast_to(second[:, :, None], speeds.shape)
+
+
+def test_parts_of_tubes_are_missed_or_met_once(solids, found):
+    _, places, speeds, turns = curves_of(solids, np.random.default_rng(1))
+    growth = solids.growth[:, None]
+    radius = solids.radius[:, None] + ((places - solids.at[:, None]) * growth).sum(axis=-1)
+    grows = (speeds * growth).sum(axis=-1)
+    h = radius**2 - (places[..., :2] ** 2).sum(axis=-1)
+    aside, single = found["part"] == ASIDE, found["part"] == SINGLE
+    assert (h < 0).all(axis=(0, 2))[aside].all()
+
+    # closely for straight tubes of one width
+    plain = (solids.turn == 0) & (solids.growth == 0).all(axis=1)
+    distance = np.linalg.norm(places[0, ..., :2], axis=-1)
+    nearest = np.linalg.norm((solids.at + clamped(solids)[:, None] * solids.speed)[:, :2], axis=1)
+    assert np.array_equal(aside[plain], (nearest > solids.radius + solids.slack)[plain])
+    inside = distance.max(axis=1) < solids.radius - solids.slack
+    assert single[plain & inside].all()
+
+    # h has maxima only, where it is not positive all over the part
+    first = radius * grows - (places[..., :2] * speeds[..., :2]).sum(axis=-1)
+    rises_again = ((first[..., :-1] < 0) & (first[..., 1:] > 0)).any(axis=(0, 2))
+    assert not (rises_again & (h.min(axis=(0, 2)) < 0))[single].any()
+    moving = np.linalg.norm(solids.speed[:, :2], axis=1) > 0.1
+    assert single[plain & ~aside & moving].all()
+    assert 20 < single.sum() < COUNT - aside.sum()
+
+    # |P'|^2 - (x - P) P'' stays positive at the tube's points unless it may bend too much
+    size = np.abs(radius) * (1 + np.linalg.norm(growth, axis=-1)) + solids.slack[:, None]
+    slowest = (speeds**2).sum(axis=-1) * (1 - (growth**2).sum(axis=-1))
+    straight = (slowest > size * np.linalg.norm(turns, axis=-1)).all(axis=(0, 2))
+    known = ~aside & (found["bends"] == 0)
+    assert straight[known].all()
+    assert known.sum() > 0.5 * (straight & ~aside).sum()
+    steady = ~aside & (solids.turn == 0) & (np.linalg.norm(solids.speed, axis=1) > 0)
+    assert not found["bends"][steady].any()
+
+
+def clamped(solids):
+    square = (solids.speed[:, :2] ** 2).sum(axis=1)
+    return np.clip(-(solids.at[:, :2] * solids.speed[:, :2]).sum(axis=1) / square, -solids.half, solids.half)
+
+
+def test_rooms_have_their_derivatives_and_straight_tubes_their_turns(solids, found):
+    radius, at, speed = solids.radius, solids.at[:, :2], solids.speed[:, :2]
+    grows, bends = (solids.growth * solids.speed).sum(axis=1), (solids.growth * solids.curved).sum(axis=1)
+    h = radius**2 - (at**2).sum(axis=1)
+    first = radius * grows - (at * speed).sum(axis=1)
+    second = grows**2 + radius * bends - (speed**2).sum(axis=1) - (at * solids.curved[:, :2]).sum(axis=1)
+    assert found["room"] == pytest.approx(np.stack([h, first, second], axis=1), rel=1e-9, abs=1e-12)
+
+    # f = way s' w - h' / 2 is 0 there, for tubes of one width
+    u = found["turning"]
+    place = solids.at + u[:, None] * solids.speed
+    w = np.sqrt(np.maximum(radius**2 - (place[:, :2] ** 2).sum(axis=1), 0))
+    f = solids.way * solids.speed[:, 2] * w + (place[:, :2] * speed).sum(axis=1)
+    met = w > 1e-6
+    assert np.abs(f[met]).max() < 1e-9
+    assert met.sum() > 50
+
+
+def test_parts_of_strips_are_missed_met_once_or_seen_edge_on(solids, found):
+    u, places, speeds, _ = curves_of(solids, np.random.default_rng(2))
+    ways = np.random.default_rng(3).normal(size=(8, COUNT, 3))
+    second = ways / np.linalg.norm(ways, axis=2, keepdims=True) * solids.swings[:, None]
+    across = solids.side[:, None] + u[..., None] * solids.swing[:, None] + u[..., None] ** 2 / 2 * second[:, :, None]
+    swings = solids.swing[:, None] + u[..., None] * second[:, :, None]
+    g = places[..., 0] * across[..., 1] - places[..., 1] * across[..., 0]
+    rise = speeds[..., 0] * across[..., 1] - speeds[..., 1] * across[..., 0]
+    rise = rise + places[..., 0] * swings[..., 1] - places[..., 1] * swings[..., 0]
+    assert found["offset"] == pytest.approx(np.stack([g[0, :, 20], rise[0, :, 20]], axis=1), abs=1e-12)
+
+    gap = np.linalg.norm(places[..., :2], axis=-1)
+    far = (gap > (solids.width + solids.slack)[:, None]).all(axis=(0, 2))
+    lies_apart = (g > 0).all(axis=(0, 2)) | (g < 0).all(axis=(0, 2))
+    apart = lies_apart & (np.abs(g).min(axis=(0, 2)) > solids.slack * (1 + gap.max(axis=(0, 2))))
+    aside, single, level = (found["stretch"] == kind for kind in (ASIDE, SINGLE, LEVEL))
+    assert (far | lies_apart)[aside].all()
+    assert ((rise > 0).all(axis=(0, 2)) | (rise < 0).all(axis=(0, 2)))[single].all()
+    assert (np.abs(g).max(axis=(0, 2)) <= 1.01 * solids.slack * (1 + gap.max(axis=(0, 2)) + 2))[level].all()
+
+    # nothing bends: decided by g and its derivative alone
+    plain = (solids.turn == 0) & (solids.swings == 0) & (solids.swing == 0).all(axis=1)
+    steady = plain & ~aside & (np.abs(rise[0]).min(axis=1) > 0)
+    assert single[steady].all()
+    assert aside[plain & apart].all()
+    assert min(aside.sum(), single.sum()) > 20
+
+
+def test_rays_are_within_solids_between_the_ends_of_their_interval(solids, found):
+    """With the surface moved outwards: where the height is between both discs, and q is at most the room."""
+    enters, leaves = found["interval"].T
+    middle = solids.base + (solids.length / 2)[:, None] * solids.axis
+    nearest = ((middle - solids.origin) * solids.along).sum(axis=1)
+    z = np.concatenate([nearest[:, None] + np.linspace(-6, 6, 2401)], axis=1)
+    away = solids.origin[:, None] + z[..., None] * solids.along[:, None] - solids.base[:, None]
+    height = np.einsum("nzc,nc->nz", away, solids.axis)
+    square = (away**2).sum(axis=2) - height**2
+    wide = solids.wide + solids.slack * np.sqrt(1 + solids.slope**2)
+    radius = wide[:, None] + solids.slope[:, None] * height
+    inside = (height >= -solids.slack[:, None]) & (height <= (solids.length + solids.slack)[:, None]) & (radius >= 0)
+    inside &= square - radius**2 <= solids.room[:, None]
+    expected = (z >= enters[:, None]) & (z <= leaves[:, None])
+    border = np.minimum(np.abs(z - enters[:, None]), np.abs(z - leaves[:, None])) < 1e-9
+    assert ((inside == expected) | border).mean() > 0.999
+    assert (inside.any(axis=1) == expected.any(axis=1)).mean() > 0.99
+    assert COUNT / 8 < expected.any(axis=1).sum() < COUNT
+
+    # spheres around them are missed only by rays that miss them, and by most of these
+    reach = solids.length / 2 + solids.wide + 2 * solids.slack
+    distance = np.linalg.norm(np.cross(middle - solids.origin, solids.along), axis=1)
+    assert np.array_equal(found["aside"], distance**2 > 1.0001 * reach**2)
+    plain = (solids.room == 0) & (found["aside"] > 0)
+    assert not inside[plain].any()
+    size = solids.length + 2 * solids.wide
+    assert found["rounding"] == pytest.approx(2e-14 * size**2 * (1 + solids.slope**2), rel=1e-12)
