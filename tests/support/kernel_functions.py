@@ -8,7 +8,6 @@ import zlib
 from pathlib import Path
 
 import numpy as np
-import slangpy
 
 from elvis.plugins.volume import interface_folder
 from elvis.renderer.device import SHADERS
@@ -60,6 +59,8 @@ class KernelFunctions:
 
     def run(self, items, result, size, **given):
         """The first numbers of an array of the kernel, after it has run with all of these."""
+        import slangpy
+
         scalars = {name for name, kind in self._kernel._needed.items() if kind == slangpy.TypeReflection.Kind.scalar}
         nothing = self._device.buffer(np.zeros(64))
         unused = {name: np.zeros(1) if name in scalars else nothing for name in self._kernel._needed}
