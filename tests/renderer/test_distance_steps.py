@@ -74,10 +74,14 @@ def searches():
 
 
 @pytest.fixture(scope="module")
-def found(functions, searches):
+def answers(functions):
     kernel = functions("distances")
-    (found,) = parted(kernel(searches.rows(), width_of([FOUND]), **searches.buffers()), [FOUND])
-    return found
+    return lambda searches: next(parted(kernel(searches.rows(), width_of([FOUND]), **searches.buffers()), [FOUND]))
+
+
+@pytest.fixture(scope="module")
+def found(answers, searches):
+    return answers(searches)
 
 
 def clearances(own, rate, searches, bend):
@@ -201,6 +205,14 @@ def test_parts_are_searched_as_bounds_of_their_derivatives_allow(searches, found
     assert np.array_equal(found["top"][opens], pushed[opens])
 
 
+@pytest.mark.parametrize(("part", "opens"), [(0.9, True), (1.1, False)])
+def test_parts_are_left_out_beyond_the_tolerance_of_the_nearest(answers, part, opens):
+    searches = Searches(np.random.default_rng(11))
+    searches.ahead[:], searches.distance[:] = 0, 9.0
+    searches.nearest = answers(searches)["part"] - part * searches.equal
+    assert (answers(searches)["opens"] == opens).all()
+
+
 def test_nearest_points_at_equal_distance_decide_the_side_together(searches, found):
     """A point counts within the tolerance of the nearest; the nearest one's normal and gap are kept."""
     own, before = searches.nearest, searches.distance
@@ -223,5 +235,6 @@ def test_nearest_points_at_equal_distance_decide_the_side_together(searches, fou
     behind = (searches.signs == 3) | (searches.signs < 2) & (found["side"] < 0)
     assert found["signed"] == pytest.approx(np.where(behind, -1, 1) * found["nearest"], rel=1e-12)
     far = (counts & nearer) & (own > searches.equal)
-    expected = np.where(behind, 1, -1)[:, None] * gap / own[:, None]
+    # perpendicular to the patch, away from it
+    expected = np.where(behind, 1, -1)[:, None] * np.sign((gap * front).sum(axis=1))[:, None] * front / size[:, None]
     assert found["direction"][far & inner] == pytest.approx(expected[far & inner], rel=1e-9)

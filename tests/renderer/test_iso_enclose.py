@@ -41,6 +41,7 @@ class Boxes:
         self.e, self.kind = rng.integers(7, size=COUNT), np.arange(COUNT) % 3
         self.errors, self.grid = rng.uniform(1e-3, 1e-2, (COUNT, LEAVES)), rng.uniform(1e-3, 1e-2, (COUNT, LEAVES, 2))
         self.errors[1::2] *= 1e-8
+        self.errors[3::8] = 0.0
         self.level, self.c = rng.uniform(0, 40, COUNT), rng.uniform(1.0, 1.3, COUNT)
 
     def rows(self):

@@ -68,7 +68,7 @@ class KernelFunctions:
             name: array if name in scalars else self._device.buffer(np.asarray(array)) for name, array in given.items()
         }
         self._kernel(items, {**unused, **buffers})
-        return self._device.read(buffers[result], np.float64)[:size]
+        return self._device.read(buffers[result], np.float64)[:size].copy()
 
 
 def parted(found, groups):

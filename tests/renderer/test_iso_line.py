@@ -1,0 +1,176 @@
+"""Rays in straight tetrahedra: polynomials along them with their errors, conditions near roots, and hits recorded."""
+
+import numpy as np
+import pytest
+from kernel_functions import parted, width_of
+
+COUNT, UNIT = 64, 1.2e-16
+POWERS = np.array([[k % 3, k // 3 % 3, k // 9] for k in range(27)])
+#: points of a line, and the matrix to Bernstein coefficients of degree 3
+NODES = np.array([0.0, 0.25, 0.75, 1.0])
+BERNSTEIN = np.stack([[1, 3, 3, 1][k] * NODES**k * (1 - NODES) ** (3 - k) for k in range(4)], axis=1)
+NET = np.linalg.inv(BERNSTEIN)
+NET_SIZE = np.abs(NET).sum(axis=1).max()
+FOUND = {
+    "start": 3,
+    "direction": 3,
+    "span": 2,
+    "shift": 1,
+    "skewed": 1,
+    "net": 4,
+    "accuracy": 3,
+    **dict.fromkeys(["spurious", "known", "owner", "status", "depth", "off", "doubt"], 1),
+    "reference": 3,
+    "normal": 3,
+}
+
+
+class Rays:
+    """Rays of one pixel in tetrahedra with fields of degree 3, and conditions that are close to 0 for some."""
+
+    def __init__(self, rng):
+        def some(low, high, *shape):
+            return rng.uniform(low, high, (COUNT, *shape))
+
+        self.polynomials = some(-1, 1, 5, 27) * (POWERS.sum(axis=1) <= 3)
+        linear = POWERS.sum(axis=1) == 1
+        self.polynomials[:, :3] = 0.0
+        self.jacobian = np.eye(3) + some(-0.3, 0.3, 3, 3)
+        self.polynomials[:, :3, linear] = self.jacobian
+        self.polynomials[:, :3, 0] = some(-0.1, 0.1, 3)
+        self.polynomials[::2, 4, 0] = 0.0
+        self.camera = some(-1, 1, 5, 3)
+        self.camera[:, 0] = np.array([-0.4, -0.4, -3.0]) + some(-0.3, 0.3, 3)
+        self.camera[:, 1], self.camera[:, 2:] = some(-0.1, 0.1, 3), some(-0.05, 0.05, 3, 3)
+        self.camera[:, 1, 2] += 1.0
+        self.perspective = rng.integers(2, size=COUNT)
+        self.level, self.misplaced = some(-0.5, 0.5), some(1e-9, 1e-8) * rng.choice([1e-3, 1], COUNT)
+        self.span, self.wider = np.stack([some(2, 2.2), some(2.5, 3)], axis=1), some(0, 0.1)
+        self.error, self.depth = some(1e-3, 1e-2), some(2.3, 2.6)
+        self.off, self.before = some(1e-3, 0.3) * rng.choice([1e-6, 1], COUNT), some(2, 2.2)
+        self.slope, self.wrong = some(0.5, 2), some(1e-10, 2e-10) * rng.choice([0.1, 1e3], COUNT)
+        self.slope[::8] = 0.0
+        self.condition_error, self.condition_steepest = some(1e-3, 1e-1), some(0.1, 1)
+
+    def rows(self):
+        alone = [self.perspective, self.level, self.misplaced, self.span, self.wider, self.error, self.depth]
+        columns = [self.camera, *alone, self.off, self.before, self.slope, self.wrong]
+        return np.concatenate([np.reshape(column, (COUNT, -1)) for column in columns], axis=1)
+
+    def jets(self, function, r):
+        """Values and derivatives (n, 4) of a function at points (n, 3)."""
+        powers = np.stack([np.ones_like(r), r, r**2], axis=-1)
+        slopes = np.stack([np.zeros_like(r), np.ones_like(r), 2 * r], axis=-1)
+        found = []
+        for axis in (None, 0, 1, 2):
+            lines = [(slopes if k == axis else powers)[:, k][:, POWERS[:, k]] for k in range(3)]
+            found.append((np.prod(lines, axis=0) * self.polynomials[:, function]).sum(axis=1))
+        return np.stack(found, axis=1)
+
+
+@pytest.fixture(scope="module")
+def rays():
+    return Rays(np.random.default_rng(15))
+
+
+@pytest.fixture(scope="module")
+def found(functions, rays):
+    condition = "export struct TheCondition : IVolume = SecondVolume; export static const bool conditional = true;"
+    kernel = functions("iso_line", condition)
+    given = {
+        "polynomials": rays.polynomials,
+        "nodes": NODES,
+        "net": NET,
+        "net_size": np.array([NET_SIZE]),
+        "condition_errors": rays.condition_error,
+        "condition_steepest": rays.condition_steepest,
+        "hit_pixels": np.array([COUNT], np.uint32),
+    }
+    hits = {name: np.zeros(3 * COUNT) for name in ("hit_reference", "hit_normal")}
+    hits |= {name: np.zeros(COUNT, np.uint32) for name in ("hit_owner", "hit_status")}
+    hits |= {name: np.full(COUNT, 9.0) for name in ("hit_depth", "hit_uncertainty", "hit_doubt")}
+    (found,) = parted(kernel(rays.rows(), width_of([FOUND]), **given, **hits), [FOUND])
+    return found
+
+
+def in_world(rays):
+    """Origins and directions (n, 3) of the rays of pixel (2, 3)."""
+    eye, forward, corner, column, row = rays.camera.swapaxes(0, 1)
+    aside = corner + 2 * column + 3 * row
+    is_from_eye = rays.perspective[:, None] > 0
+    return np.where(is_from_eye, eye, eye + aside), np.where(is_from_eye, forward + aside, forward)
+
+
+def test_rays_are_straight_lines_of_reference_coordinates(rays, found):
+    origin, direction = in_world(rays)
+    inverse = np.linalg.inv(rays.jacobian)
+    start = np.einsum("nij,nj->ni", inverse, origin - rays.polynomials[:, :3, 0])
+    assert found["start"] == pytest.approx(start, rel=1e-11)
+    assert found["direction"] == pytest.approx(np.einsum("nij,nj->ni", inverse, direction), rel=1e-11)
+    lengths = np.linalg.norm(rays.jacobian, axis=1).prod(axis=1)
+    skewed = lengths / np.abs(np.linalg.det(rays.jacobian))
+    assert found["skewed"] == pytest.approx(skewed, rel=1e-12)
+    farthest = np.abs(rays.span).max(axis=1, keepdims=True) * np.abs(found["direction"])
+    shift = 2e-15 * skewed * (np.abs(found["start"]) + farthest).max(axis=1)
+    assert found["shift"] == pytest.approx(shift, rel=1e-12)
+
+    # inside of a tetrahedron that is a little larger
+    z = np.linspace(0, 8, 16001)
+    points = found["start"][:, None] + z[:, None] * found["direction"][:, None]
+    margin = np.minimum(1 + points.min(axis=2), -1 - points.sum(axis=2)) + rays.wider[:, None]
+    low, high = found["span"].T
+    within = (z >= low[:, None]) & (z <= high[:, None])
+    assert ((margin >= 0) == within).mean() > 0.9999
+    assert within.any(axis=1).sum() > COUNT / 2
+
+
+def test_fields_along_rays_are_polynomials_off_by_what_values_are(rays, found):
+    """Values that are off each their own way move one coefficient by the largest sum of a row of the matrix."""
+    depths = rays.span[:, :1] + NODES * (rays.span[:, 1:] - rays.span[:, :1])
+    places = found["start"][:, None] + depths[..., None] * found["direction"][:, None]
+    values = np.stack([rays.jets(3, places[:, k])[:, 0] for k in range(4)], axis=1) - rays.level[:, None]
+    assert found["net"] == pytest.approx(values @ NET.T, rel=1e-8, abs=1e-10)
+    coefficients, of_values, rounding = found["accuracy"].T
+    moved = np.abs(np.sign(NET) @ NET.T).max() * rays.error
+    assert coefficients == pytest.approx(moved, rel=1e-12)
+    assert of_values == pytest.approx(4 * rays.error, rel=1e-12)
+    assert rounding == pytest.approx(NET_SIZE * 7 * UNIT * np.abs(values).max(axis=1), rel=1e-9)
+
+
+def test_conditions_are_known_where_they_keep_their_sign(rays, found):
+    """By the gradient and half of the second derivatives, over what roots are off and lines are misplaced."""
+    r = found["start"] + rays.depth[:, None] * found["direction"]
+    value, *gradient = rays.jets(4, r).T
+    moved = rays.off * np.abs(found["direction"]).max(axis=1) + found["shift"]
+    change = (np.abs(gradient).sum(axis=0) + 4.5 * rays.condition_steepest * moved) * moved
+    known = np.abs(value) > 2 * rays.condition_error + change
+    assert np.array_equal(found["known"], known)
+    assert np.array_equal(found["spurious"], value > 0)
+    assert 10 < known.sum() < COUNT - 10
+
+
+def test_hits_are_roots_refined_by_a_step_along_the_ray(rays, found):
+    origin, direction = in_world(rays)
+    r = found["start"] + rays.depth[:, None] * found["direction"]
+    value, *slopes = rays.jets(3, r).T
+    gradient = np.linalg.solve(rays.jacobian.swapaxes(1, 2), np.transpose(slopes)[..., None])[..., 0]
+    position = rays.polynomials[:, :3, 0] + np.einsum("nij,nj->ni", rays.jacobian, r)
+    beside = origin + rays.depth[:, None] * direction - position
+    step = -(value - rays.level + (gradient * beside).sum(axis=1)) / (gradient * direction).sum(axis=1)
+    step = np.where(np.abs(step) < 1e-6 * rays.depth, step, 0)
+    depth = rays.depth + step
+    assert found["depth"] == pytest.approx(depth, rel=1e-12)
+    with np.errstate(divide="ignore"):
+        off = (rays.wrong + np.linalg.norm(gradient, axis=1) * rays.misplaced) / rays.slope + 4 * UNIT * depth
+    assert found["off"] == pytest.approx(off, rel=1e-9)
+    assert found["reference"] == pytest.approx(r, rel=1e-9)
+    shift = np.minimum(off, 1e300) * np.abs(found["direction"]).max(axis=1)
+    margin = np.minimum(1 + r.min(axis=1), -1 - r.sum(axis=1))
+    clear = (off <= 1e-8 * depth) & (margin > 1e-10 + 2 * shift)
+    assert np.array_equal(found["status"], np.where(clear, 1, 2))
+    assert 0 < clear.sum() < COUNT
+    assert np.array_equal(found["owner"], 100 + np.arange(COUNT))
+    assert np.array_equal(found["doubt"], np.where(rays.slope == 0, rays.before, 9.0))
+    normal = gradient / np.linalg.norm(gradient, axis=1, keepdims=True)
+    normal *= -np.sign((gradient * direction).sum(axis=1, keepdims=True))
+    assert found["normal"] == pytest.approx(normal, rel=1e-9)
