@@ -18,7 +18,9 @@ from tables import Table, seconds
 from elvis import Renderer, Scene
 from elvis.renderer import compositing
 from elvis.renderer.compositing import FragmentLists
-from elvis.renderer.passes.volume.volume_rendering import Medium, RayIntegrals, VolumeRenderer
+from elvis.renderer.passes.volume.media import Medium
+from elvis.renderer.passes.volume.ray_integrals import RayIntegrals
+from elvis.renderer.passes.volume.volume_rendering import VolumeRenderer
 from elvis.renderer.stages import Stages
 
 PARTS = ("cut", "faces", "isosurface", "volume")
@@ -67,7 +69,7 @@ def _off(name: str) -> Iterator[None]:
     draw, hit_buffers = VolumeRenderer.draw, Stages.hit_buffers
 
     def stretches(
-        self: VolumeRenderer, view: Any, media: Any, fragments: FragmentLists, error: float, clips: Any
+        self: VolumeRenderer, view: Any, media: Any, fragments: FragmentLists, error: float, *rest: Any
     ) -> RayIntegrals:
         depths = fragments.device.read(fragments.buffers["fragment_depths"], np.float64).reshape(fragments.count, -1)
         for depth in depths:
@@ -78,9 +80,9 @@ def _off(name: str) -> Iterator[None]:
                 media,
                 FragmentLists.of(fragments.device, fragments.pixels, wall, (1, 1, 1)).compose(),
                 error,
-                clips,
+                *rest,
             )
-        return draw(self, view, media, fragments, error, clips)
+        return draw(self, view, media, fragments, error, *rest)
 
     def twice(self: Stages, *arguments: Any) -> Iterator[Any]:
         for hits in hit_buffers(self, *arguments):

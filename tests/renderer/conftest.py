@@ -20,7 +20,8 @@ from elvis.renderer.completing import completed
 from elvis.renderer.compositing import FragmentLists
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.passes.faces.faces import FaceDrawer
-from elvis.renderer.passes.volume.volume_rendering import Medium, VolumeRenderer
+from elvis.renderer.passes.volume.media import Medium
+from elvis.renderer.passes.volume.volume_rendering import VolumeRenderer
 from elvis.scene.quantities import quantities
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "nektar"

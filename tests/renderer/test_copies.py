@@ -10,14 +10,19 @@ from click.testing import CliRunner
 from elvis import (
     Camera,
     Copies,
+    CutSurface,
     Dataset,
-    ElvisError,
+    Faces,
+    Isosurface,
     Plane,
     Repeat,
     Scene,
     SceneError,
     Shape,
+    Style,
+    Transfer,
     Turn,
+    VolumeRendering,
     from_arrays,
     integrate,
     render,
@@ -28,7 +33,7 @@ from elvis.core.mesh import PERIODIC
 from elvis.core.polynomials.quadrature import lobatto
 from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.moved_expressions import moved
-from elvis.core.testing import grid
+from elvis.core.testing import approximated, grid
 from elvis.plugins.command import elvis as group
 from elvis.reference.study import compare_scene
 from elvis.renderer.rendering import Pictures
@@ -128,6 +133,29 @@ def test_the_mirror_image_is_that_of_a_mirrored_file(data, mirrored, drawn, fiel
     compare(render(data, field, mirror="x=0", **options), render(mirrored, field, **options), 4)
 
 
+VOLUME = {"camera": CAMERA, "size": 50, "volume": "-1.5:0,0:3,1.5:6"}
+
+
+def test_volumes_in_copies_are_those_of_a_file(data, mirrored):
+    """Their quantity has another sign beyond the mirror; a clip, a gate and a translucent cut are crossed."""
+    for drawn in ({"clip": "implicit:u"}, {"clip": "sphere:0.2,0.3,0.5:0.45", "plane": "z=0.3", "opacity": 0.5}):
+        ours, theirs = render(data, "u", mirror="x=0", **drawn, **VOLUME), render(mirrored, "u", **drawn, **VOLUME)
+        assert np.abs(ours.color - theirs.color).max() < 1e-12
+        assert np.array_equal(ours.status, theirs.status)
+        assert ours.stats["volume"] == theirs.stats["volume"]
+        assert (ours.status == 1).sum() > 300
+
+
+def test_volumes_of_straight_copies_are_those_of_the_reference():
+    data = Dataset(grid(Shape.TETRAHEDRON, 1))
+    data = replace(data, fields=(approximated(data, "u", lambda x: x[:, 0] * x[:, 1] - x[:, 2] ** 2, 3),))
+    options = {**VOLUME, "size": 30, "turn": "-0.5,-1.3,0:0.1,0,1:3"}
+    ours, theirs = render(data, "u", **options), render(data, "u", device="reference", **options)
+    assert np.abs(ours.color - theirs.color).max() < 1e-7
+    assert np.array_equal(ours.status > 0, theirs.status > 0)
+    assert (ours.status > 0).sum() > 100
+
+
 def check_reference(data, field, **options):
     """The device and the reference agree on a picture with copies."""
     ours, theirs = render(data, field, **options), render(data, field, device="reference", **options)
@@ -175,9 +203,14 @@ def test_invariant_quantities_are_recognized():
 def test_many_copies_take_no_memory(data):
     """The data of 64 copies are those of one; the pool of buffers does not grow from frame to frame."""
     repeat = tuple(Repeat(step, 4) for step in ((1.5, 0, 0), (0, 1.5, 0), (0, 0, 1.5)))
+    volume = VolumeRendering(Transfer((0.5, 2.0), (0.0, 4.0)))
+    scene = Scene("p", size=(24, 24), objects=(Faces(style=Style(opacity=0.5)), volume))
     with Pictures(data) as pictures:
-        alone = pictures.draw(Scene("p", size=(24, 24)))
-        many = [pictures.draw(Scene("p", size=(24, 24), copies=Copies(repeat=repeat))) for _ in range(3)]
+        alone = pictures.draw(scene)
+        many = [pictures.draw(replace(scene, copies=Copies(repeat=repeat))) for _ in range(2)]
+        made = pictures.buffers_made
+        many.append(pictures.draw(replace(scene, copies=Copies(repeat=repeat))))
+        assert pictures.buffers_made == made
     assert [own.stats["bytes"]["volume"] for own in many] == 3 * [alone.stats["bytes"]["volume"]]
     assert len(np.unique(many[0].copy)) > 30
     assert np.array_equal(many[0].field, many[2].field, equal_nan=True)
@@ -197,7 +230,6 @@ def test_options_tables_and_words_are_one_scene():
         ({"repeat": "0.7,0,0:3"}, "copies: copy 1 overlaps copy 0"),
         ({"turn": "z:8"}, "copies: copy 1 overlaps copy 0"),
         ({"repeat": "x:2"}, "repeat: the data declare a period in no direction: expected a vector instead of x"),
-        ({"mirror": "x=0", "volume": "0:1,1:2"}, "copies: volumes are not drawn in copies"),
         ({"mirror": "x=0", "memory": 1e9}, "copies: not available for data in parts or with a limit of memory"),
         ({"repeat": "1,0,0"}, "repeat: expected VECTOR:COUNT such as 1,0,0:4"),
         ({"repeat": "2,0,0:2000"}, "count of a repetition: expected 2 to 1024"),
@@ -257,12 +289,23 @@ def test_points_in_copies_have_values(files):
     assert "expected --mirror, --turn or --repeat together with --with-copies" in " ".join(refused.output.split())
 
 
-def test_linear_pictures_have_no_copies(data, files):
-    scene = Scene("p", copies=Copies(repeat=(Repeat((2.0, 0.0, 0.0), 2),)))
-    with pytest.raises(ElvisError, match="copies: linear pictures have none to compare with"):
-        compare_scene(data, scene)
-    refused = CliRunner().invoke(group, ["compare", *files, "--mirror", "x=0"])
-    assert refused.exit_code == 2
+def test_linear_pictures_of_copies_are_those_of_a_file(data, mirrored):
+    objects = Faces(style=Style(opacity=0.5)), Isosurface((0.9,), "p"), CutSurface(Plane((0, 0, 0.3), (0, 0, 1)))
+    scene = Scene("u", size=(40, 40), camera=CAMERA, objects=objects)
+    copies = Copies(mirror=(Plane((0, 0, 0), (1, 0, 0)),))
+    ours = compare_scene(data, replace(scene, copies=copies), (0, 1), validation_size=40)
+    theirs = compare_scene(mirrored, scene, (0, 1), validation_size=0)
+    assert ours.validation.passed
+    assert ours.stored == theirs.stored // 2
+    for own, other in zip(ours.rivals[:2], theirs.rivals, strict=False):
+        assert own.counts == other.counts
+        assert np.array_equal(own.record.element, np.where(other.record.element < 0, -1, other.record.element % 4))
+        found, expected = ([each.value_max, each.value_mean, each.position_max] for each in (own.errors, other.errors))
+        assert found == pytest.approx(expected, rel=1e-9)
+        assert min(found) > 1e-4
+        (away,), (expected,) = (each.surfaces.values() for each in (own, other))
+        assert away.hausdorff == pytest.approx(expected.hausdorff, rel=1e-9)
+    assert ours.rivals[2].skipped == "its cells are those of the data, without copies"
 
 
 def test_declared_periods_are_known():

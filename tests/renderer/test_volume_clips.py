@@ -6,7 +6,7 @@ import pytest
 from elvis import Camera
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, with_field
-from elvis.renderer.passes.volume.volume_rendering import Medium
+from elvis.renderer.passes.volume.media import Medium
 from elvis.scene import (
     Clip,
     Cone,

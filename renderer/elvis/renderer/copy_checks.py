@@ -13,7 +13,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.picturing import Kind
 from elvis.core.quantities import Names
 from elvis.plugins.opening import PluginData
-from elvis.scene import Copies, Scene, VolumeRendering
+from elvis.scene import Copies, Scene
 from elvis.scene.errors import SceneError
 
 
@@ -56,8 +56,6 @@ def check_drawable(scene: Scene, kind: Kind | None, *, is_whole: bool) -> None:
     """
     if kind is Kind.LINE:
         raise SceneError("copies: 1D data are drawn without copies: remove mirror, turn and repeat")
-    if any(isinstance(item, VolumeRendering) for item in scene.every_object):
-        raise SceneError("copies: volumes are not drawn in copies: remove the volume or the copies")
     if not is_whole or scene.memory is not None:
         raise SceneError("copies: not available for data in parts or with a limit of memory: remove this setting")
 

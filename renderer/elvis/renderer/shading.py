@@ -19,7 +19,7 @@ from elvis.renderer.hit_buffer import HitBuffer
 from elvis.renderer.painting import FragmentShader, Material
 from elvis.renderer.passes.lines.contour_proof import ContourProof
 from elvis.renderer.passes.lines.lines import Lines, levels
-from elvis.renderer.passes.volume.volume_rendering import Medium
+from elvis.renderer.passes.volume.media import Medium
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.stages import Stages
 from elvis.renderer.undeformed import STYLES
@@ -151,7 +151,8 @@ class Painter:
             if isinstance(surface, Implicit):
                 media.append(Medium.clip(self.stages.parts_quantity(surface.expression, self.scene), away))
         error = min(item.error for item in volumes)
-        light = self.stages.volumes.draw(view, media, fragments, error, self.scene.clip)
+        copies = self.stages.copied.copies
+        light = self.stages.volumes.draw(view, media, fragments, error, self.scene.clip, copies)
         self.volume_status = light.status()
         self.volume_counts.update(light.counts())
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -11,20 +10,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Ints
 from elvis.renderer.compositing import FragmentLists
-from elvis.renderer.device import STAND_IN, Kernel
+from elvis.renderer.copied import Copy, is_in_view, surrounding_copies
+from elvis.renderer.device import Kernel
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.memory import Buffer
 from elvis.renderer.passes.faces.faces import FaceDrawer, pixel_bounds
 from elvis.renderer.passes.volume.bends import Bends
-from elvis.renderer.passes.volume.steepness import steepest, tolerance
+from elvis.renderer.passes.volume.media import CopyMedia, Media, Medium
+from elvis.renderer.passes.volume.ray_integrals import RayIntegrals
+from elvis.renderer.passes.volume.steepness import tolerance
 from elvis.renderer.passes.volume.visibility import Visibility
 from elvis.renderer.tiles import TILE, bin_sections, corners_of, empty_tiles, places_of
 from elvis.renderer.traversal import APART, Traversal, visible_sections
 from elvis.scene import Clip, Transfer
 from elvis.scene.errors import SceneError
-from elvis.scene.frame import Status
 from elvis.scene.view import View
 
 #: bytes of the lists that rays have at one time
@@ -39,97 +40,21 @@ _SEGMENTS_OF_AN_ELEMENT = 6
 _OF_A_KINK = 2.0**-10
 
 
-@dataclass(frozen=True)
-class Medium:
-    """How a quantity is seen: a volume; or, with a gate, the region where nothing of any volume is seen.
-
-    transfer  with its colours
-    quantity  one of the parts' quantities; None is their own field
-    gate      the sign of the quantity where it hides all volumes; 0 for a volume
-    """
-
-    transfer: Transfer
-    quantity: str | None = None
-    gate: int = 0
-
-    @staticmethod
-    def clip(quantity: str | None, away: str) -> Medium:
-        """A medium that hides where a quantity is negative (the inside) or positive."""
-        return Medium(Transfer((0.0,), (0.0,), ((0.0, 0.0, 0.0),)), quantity, -1 if away == "inside" else 1)
-
-    def counts(self, low: Floats, high: Floats) -> Bools:
-        """(n,) whether something is seen, or hidden, of elements whose quantity is between bounds (n,), NaN or not."""
-        if self.gate:
-            return np.asarray(low < 0.0 if self.gate < 0 else high > 0.0)
-        values, densities = np.asarray(self.transfer.values), np.asarray(self.transfer.densities)
-        found = np.isnan(low) | (np.interp(low, values, densities) > 0.0) | (np.interp(high, values, densities) > 0.0)
-        for value in values[densities > 0.0]:
-            found |= (low <= value) & (value <= high)
-        return np.asarray(found)
-
-    def hides(self, low: Floats, high: Floats) -> Bools:
-        """(n,) whether nothing of any volume is seen in elements whose quantity is between bounds (n,)."""
-        return np.asarray((high < 0.0) & (self.gate < 0) | (low > 0.0) & (self.gate > 0))
-
-
-class RayIntegrals:
-    """The integrals of n rays through volumes and the surfaces between.
-
-    color      (n, 3) times alpha
-    alpha      (n,)   share in [0, 1] of the background that is hidden
-    coverage   (n,)   the same for the volumes only
-    length     (n,)   of the segments in elements, as far as light comes from them, in units of length
-    error      (n,)   of the colour: estimate of the quadrature, and effect of errors of quantities
-    segments   (n,)   their number; without any, all other values are zero
-    undefined  (n,)   segments skipped because their field is not a number
-    lost       (n,)   positions in curved elements, and ends of segments, that were not found
-    """
-
-    def __init__(self, tally: NDArray[np.uint32], lost: Ints, integrals: Callable[[], NDArray[Any]]) -> None:
-        """Integrals from the counts of volume_march.slang, and a function that reads them."""
-        self.segments, self.undefined, self.lost = tally[:, 0], tally[:, 1] >> 2, lost
-        self._covers, self._is_open, self._read = tally[:, 1] & 1, tally[:, 1] & 2, integrals
-
-    @cached_property
-    def _lights(self) -> NDArray[Any]:
-        integrals = self._read().copy()
-        integrals[self.segments == 0] = 0
-        return integrals
-
-    def __getattr__(self, name: str) -> Any:
-        """Arrays that are read from the device when they are first used."""
-        if name not in ("color", "alpha", "coverage", "length", "error"):
-            raise AttributeError(name)
-        return self._lights[name]
-
-    def status(self) -> NDArray[np.uint8]:
-        """Status (n,) of the volumes (see frame.Status).
-
-        Failed if something was not found, ambiguous if elements without numbers are skipped, or if less is proved than
-        the requested error.
-        """
-        known = np.where(self._covers, Status.CERTAIN, Status.MISS)
-        known[self._is_open > 0] = Status.AMBIGUOUS
-        known[self.undefined > 0] = Status.AMBIGUOUS
-        known[self.lost > 0] = Status.FAILED
-        return known.astype(np.uint8)
-
-    def counts(self) -> Counter[str]:
-        """Segments, those whose field is not a number, and places that were not found, on all rays together."""
-        return Counter({name: int(getattr(self, name).sum()) for name in ("segments", "undefined", "lost")})
-
-
 @dataclass(eq=False)
 class _VisibleElements:
-    """Visible elements of a part: tiles, and inputs of the stage that lists their segments.
+    """Visible elements of a part, in one copy of the data: tiles, and inputs of the stage that lists their segments.
 
-    quantity_index  number of the quantity
+    list_index  number of the list of segments
+    quantity    the quantity of the data that the list is of in this copy
+    view        in which the data look as the copy does
     rows    (tiles,) maximum number of entries, one per pixel, that each needs, or a likely one if elements are curved
     proof   inputs of the quantity's bounds, on the device
     """
 
     number: int
-    quantity_index: int
+    list_index: int
+    quantity: str | None
+    view: View
     kernel: Kernel
     tiles: NDArray[Any]
     rows: Ints
@@ -171,60 +96,9 @@ class _Band:
         at = np.minimum(np.searchsorted(self.places, some.places), len(self) - 1)
         held = self.places[at] == some.places
         lists = self.lists[at[held]]
-        lists["number"] += np.uint32(some.quantity_index * len(self))
-        lists["base"] += np.uint32(some.quantity_index * self.rows)
+        lists["number"] += np.uint32(some.list_index * len(self))
+        lists["base"] += np.uint32(some.list_index * self.rows)
         return held, lists
-
-
-class _Media:
-    """Data that depend on the media of a picture, but not on its view.
-
-    quantities  of which segments are listed
-    curved      for each of them the parts in which rays are not lines, or the quantity not a polynomial along them
-    chosen      for each of them and each part the elements of which media show or hide something
-    march       the kernel that marches along rays
-    rooms       sizes of tiles' lists in the last picture, by the numbers of their positions
-    buffers     the media and their transfer functions
-    """
-
-    def __init__(self, loaded: DeviceVolume, traversal: Traversal, media: Sequence[Medium]) -> None:
-        self.media = media
-        self._loaded = loaded
-        self.quantities = list(dict.fromkeys(medium.quantity for medium in media))
-        parts = range(len(loaded.parts))
-        self.curved = [[n for n in parts if not traversal.is_straight(n, own)] for own in self.quantities]
-        self.degree = max(traversal.degree(n, own) or STAND_IN for n in parts for own in self.quantities)
-        self.chosen = [[self._counts(own, n) for n in parts] for own in self.quantities]
-        self.march = loaded.device.kernel("volume_march", line_degree=self.degree, media=len(media))
-        self.buffers = self._buffers()
-        self.rooms: dict[int, int] = {}
-
-    def _counts(self, quantity: str | None, number: int) -> Bools:
-        """Elements (n,) of a part of which a quantity's media show or hide something."""
-        low, high = self._loaded.bounds(number, quantity)
-        found = np.zeros(len(low), bool)
-        for medium in self.media:
-            if medium.quantity == quantity:
-                found |= medium.counts(low, high)
-            found &= ~medium.hides(*self._loaded.bounds(number, medium.quantity))
-        return found
-
-    def _buffers(self) -> dict[str, Any]:
-        """Buffers that all marches share."""
-        device = self._loaded.device
-        medium = np.zeros(len(self.media), self.march.dtype("medium"))
-        counts = [len(own.transfer.values) for own in self.media]
-        medium["list"] = [self.quantities.index(own.quantity) for own in self.media]
-        medium["count"], medium["first"] = counts, np.cumsum(counts) - counts
-        medium["gate"] = [own.gate for own in self.media]
-        medium["steepest"] = [steepest(own.transfer) for own in self.media]
-        densest = [max(own.transfer.densities) for own in self.media]
-        medium["densest"] = [sum(densest) if own.gate else most for own, most in zip(self.media, densest, strict=True)]
-        buffers = {"medium": device.buffer(medium)}
-        for name in ("values", "densities", "colors"):
-            numbers = [np.asarray(getattr(own.transfer, name), np.float64) for own in self.media]
-            buffers[name] = device.buffer(np.concatenate(numbers))
-        return buffers
 
 
 class VolumeRenderer:
@@ -236,7 +110,7 @@ class VolumeRenderer:
     def __init__(self, loaded: DeviceVolume, faces: Callable[[], FaceDrawer] | None = None) -> None:
         self.loaded, self.faces, self.traversal = loaded, faces, Traversal(loaded)
         self.bends = Bends(loaded)
-        self._last: _Media | None = None
+        self._last: Media | None = None
 
     def draw(
         self,
@@ -245,127 +119,165 @@ class VolumeRenderer:
         fragments: FragmentLists,
         error: float = 1e-3,
         clips: Sequence[Clip] = (),
+        copies: Sequence[Copy] = (),
     ) -> RayIntegrals:
         """The light that reaches the eye from all volumes and surfaces, where there are volumes; it enters the picture.
 
         fragments  the picture's surfaces, composed
         error  maximum estimated error of a pixel's colour
         clips  applied to the volumes, except implicit surfaces, for which there are media
+        copies  of the data, which are drawn together; none draws the data alone
 
         Raises SceneError for 2D data, for curved elements without faces, and if densities times lengths overflow.
         """
-        march = _March(self, view, self._of(media), fragments, error, clips)
+        march = _March(self, view, self._of(media, copies), fragments, error, clips)
         for band in march.bands():
             march.band(band)
         return march.ray_integrals()
 
-    def _of(self, media: Sequence[Medium]) -> _Media:
-        """Data of media, reused for the same media in the next frame."""
-        if self._last is None or self._last.media != media:
+    def _of(self, media: Sequence[Medium], copies: Sequence[Copy]) -> Media:
+        """Data of media, reused for the same media and copies in the next frame."""
+        if self._last is None or (self._last.media, self._last.shown_copies) != (media, copies):
             for medium in media:
-                self._check(medium.transfer)
-            self._last = _Media(self.loaded, self.traversal, media)
+                self._check(medium.transfer, copies)
+            self._last = Media(self.traversal, media, copies)
         return self._last
 
-    def _check(self, transfer: Transfer) -> None:
+    def _check(self, transfer: Transfer, copies: Sequence[Copy]) -> None:
         if self.loaded.dimension != 3:
             raise SceneError("volume rendering needs 3D data")
         if len(transfer.colors) != len(transfer.values):
             raise SceneError(f"colors of a volume: expected one for each of {len(transfer.values)} values")
-        densest, extent = max(transfer.densities), self.loaded.extent
+        densest, extent = max(transfer.densities), _extent(self.loaded, copies)
         if densest * 4 > np.finfo(float).max / max(extent, 1.0):
             raise SceneError(f"densities of a volume: {densest:g} overflows over lengths of {extent:g}")
+
+
+def _extent(loaded: DeviceVolume, copies: Sequence[Copy]) -> float:
+    """Magnitude of the largest coordinate of all copies."""
+    return max(loaded.extent, float(np.abs(surrounding_copies(loaded.box, copies)).max(initial=0.0)))
 
 
 class _March:
     """One picture of volumes, in the making.
 
-    quantities, curved  see _Media
-    chosen              for each quantity and each part the elements that count
-    bent                (elements,) those among them that are curved, for any quantity
+    media     with the data that depend on them alone
+    length    of rays in the data and copies of them, at most
+    diagonal  of the box around them
     """
 
     def __init__(
         self,
         renderer: VolumeRenderer,
         view: View,
-        shown: _Media,
+        shown: Media,
         fragments: FragmentLists,
         error: float,
         clips: Sequence[Clip],
     ) -> None:
         self.renderer, self.loaded, self.traversal = renderer, renderer.loaded, renderer.traversal
-        self.device, self.view, self.media, self.error = self.loaded.device, view, shown.media, error
+        self.device, self.view, self.shown, self.error = self.loaded.device, view, shown, error
+        self.media, self.quantities, self.degree = shown.media, shown.quantities, shown.degree
         self.visibility = Visibility(clips, view)
-        self.quantities, self.curved, self.degree = shown.quantities, shown.curved, shown.degree
-        parts = range(len(self.loaded.parts))
-        hidden = [self.visibility.hides(part.boxes) for part in self.loaded.parts]
-        self.chosen = [[own[n] & ~hidden[n] for n in parts] for own in shown.chosen]
-        bent = [[own[n] & (n in at) for own, at in zip(self.chosen, self.curved, strict=True)] for n in parts]
-        self.bent = np.concatenate([np.any(some, axis=0) for some in bent])
+        self.length = 4.0 * _extent(self.loaded, shown.shown_copies)
+        self.diagonal = float(np.linalg.norm(np.ptp(surrounding_copies(self.loaded.box, shown.shown_copies), axis=0)))
         self.march, self.shared, self.rooms = shown.march, shown.buffers, shown.rooms
         self.lost = np.zeros(view.count, np.int64)
         self.fixed = {**self.traversal.lines(self.degree), **fragments.buffers}
         self.fixed["ray_integrals"] = self.device.empty(self.march.dtype("ray_integrals"), view.count)
-        self.parts = [
-            self._list_curved(k, n) if n in curved else self._straight(k, n)
-            for k, curved in enumerate(self.curved)
-            for n in parts
-        ]
+        self.parts = list(self._visible_elements(clips))
+
+    def _visible_elements(self, clips: Sequence[Clip]) -> Iterator[_VisibleElements]:
+        """Visible elements of all copies; without copies, of the data."""
+        if not self.shown.shown_copies:
+            yield from self._of_copy(self.shown.copies[0], self.view, self.visibility)
+        for copy, own in zip(self.shown.shown_copies, self.shown.copies, strict=False):
+            view = copy.view(self.view)
+            if is_in_view(view, self.loaded.box):
+                yield from self._of_copy(own, view, Visibility(copy.clips(clips), view))
+
+    def _of_copy(self, own: CopyMedia, view: View, visibility: Visibility) -> Iterator[_VisibleElements]:
+        """Visible elements of one copy, in the view in which the data look like it."""
+        parts = range(len(self.loaded.parts))
+        hidden = [visibility.hides(part.boxes) for part in self.loaded.parts]
+        chosen = [[each[n] & ~hidden[n] for n in parts] for each in own.chosen]
+        bent = [[each[n] & (n in at) for each, at in zip(chosen, own.curved, strict=True)] for n in parts]
+        # curved elements for any quantity, by index
+        every = np.concatenate([np.any(some, axis=0) for some in bent])
+        for k, quantity in enumerate(own.names):
+            for n in parts:
+                if n in own.curved[k]:
+                    yield self._list_curved(k, quantity, n, view, chosen[k][n], every)
+                else:
+                    yield self._straight(k, quantity, n, view, chosen[k][n])
 
     def _tolerance(self, quantity: str | None) -> float:
         """Error of a quantity that changes colours by less than a quarter of the requested error, along any ray."""
-        length = 4 * self.loaded.extent
         own = [medium for medium in self.media if medium.quantity == quantity]
         densest = max(max(medium.transfer.densities) for medium in self.media)
-        gate = 0.25 * self.error / max(densest, 1.0 / length) if any(medium.gate for medium in own) else np.inf
-        return min(gate, *(tolerance(medium.transfer, self.error, length) for medium in own))
+        gate = 0.25 * self.error / max(densest, 1.0 / self.length) if any(medium.gate for medium in own) else np.inf
+        return min(gate, *(tolerance(medium.transfer, self.error, self.length) for medium in own))
 
-    def _kernel(self, stage: str, number: int, quantity_index: int) -> Kernel:
-        part, quantity = self.loaded.parts[number], self.quantities[quantity_index]
-        return self.device.kernel(stage, part, quantity, line_degree=self.degree)
+    def _kernel(self, stage: str, number: int, quantity: str | None) -> Kernel:
+        return self.device.kernel(stage, self.loaded.parts[number], quantity, line_degree=self.degree)
 
-    def _straight(self, quantity_index: int, number: int) -> _VisibleElements:
-        """A part of straight tetrahedra."""
-        kernel = self._kernel("volume_list", number, quantity_index)
-        sections = visible_sections(self.view, self.traversal.corners(number), self.chosen[quantity_index][number])
+    def _straight(
+        self, list_index: int, quantity: str | None, number: int, view: View, chosen: Bools
+    ) -> _VisibleElements:
+        """Chosen elements of a part of straight tetrahedra."""
+        kernel = self._kernel("volume_list", number, quantity)
+        sections = visible_sections(view, self.traversal.corners(number), chosen)
         tiles, order = bin_sections(sections.least, sections.most, kernel.dtype("tiles"))
         counts = (tiles["end"] - tiles["first"]).astype(np.int64)
-        return _VisibleElements(number, quantity_index, kernel, tiles, counts, {"order": sections.element[order]})
+        data = {"order": sections.element[order]}
+        return _VisibleElements(number, list_index, quantity, view, kernel, tiles, counts, data)
 
-    def _list_curved(self, quantity_index: int, number: int) -> _VisibleElements:
-        """A part of curved elements, by patches of their faces."""
+    def _list_curved(
+        self, list_index: int, quantity: str | None, number: int, view: View, chosen: Bools, bent: Bools
+    ) -> _VisibleElements:
+        """Chosen elements of a part of curved elements, by patches of their faces.
+
+        bent  (elements,) of all parts that are curved for any quantity
+        """
         if self.renderer.faces is None:
             raise SceneError("volumes of curved elements need their faces, which the data's plugin does not provide")
-        kernel = self._kernel("volume_trace", number, quantity_index)
-        patches, view = self.renderer.faces().visible_patches(self.view, self.bent, number, kernel)
-        patches = patches[self.chosen[quantity_index][number][patches["element"]]]
-        tiles, order = bin_sections(*pixel_bounds(patches, self.view), kernel.dtype("tiles"))
-        length, densest = 4.0 * self.loaded.extent, sum(max(own.transfer.densities) for own in self.media)
-        own = self._tolerance(self.quantities[quantity_index])
+        kernel = self._kernel("volume_trace", number, quantity)
+        patches, face_view = self.renderer.faces().visible_patches(view, bent, number, kernel)
+        patches = patches[chosen[patches["element"]]]
+        tiles, order = bin_sections(*pixel_bounds(patches, view), kernel.dtype("tiles"))
         wanted = np.zeros(1, kernel.dtype("wanted"))
-        wanted["tolerance"], wanted["apart"] = own, APART
-        # the error of the field matters through its effect on colours: at most densities times lengths
-        wanted["proof"] = own * _PROVED * length / float(np.linalg.norm(np.ptp(self.loaded.box, axis=0)))
-        wanted["most"] = own * 4.0 / self.error * length * densest
-        wanted["quota"] = _OF_A_KINK * own * length
+        for name, value in self._errors(list_index).items():
+            wanted[name] = value
         # the elements in a tile have some segments each
         fresh = np.append(True, np.diff(patches["element"][order].astype(np.int64)) != 0)[: len(order)]
         fresh[tiles["first"]] = True
         counts = np.add.reduceat(fresh.astype(np.int64), tiles["first"]) if len(tiles) else np.zeros(0, np.int64)
         counts *= _SEGMENTS_OF_AN_ELEMENT
-        proof = self.renderer.bends.buffers(number, self.quantities[quantity_index], self.degree)
-        buffers = {"order": order, "patches": patches, "view": view, "wanted": wanted}
-        return _VisibleElements(number, quantity_index, kernel, tiles, counts, buffers, proof)
+        proof = self.renderer.bends.buffers(number, quantity, self.degree)
+        buffers = {"order": order, "patches": patches, "view": face_view, "wanted": wanted}
+        return _VisibleElements(number, list_index, quantity, view, kernel, tiles, counts, buffers, proof)
+
+    def _errors(self, list_index: int) -> dict[str, float]:
+        """Allowed errors of the quantity of a list (volume_trace.slang)."""
+        own = self._tolerance(self.quantities[list_index])
+        densest = sum(max(each.transfer.densities) for each in self.media)
+        return {
+            "tolerance": own,
+            "apart": APART,
+            # the error of the field matters through its effect on colours: at most densities times lengths
+            "proof": own * _PROVED * self.length / self.diagonal,
+            "most": own * 4.0 / self.error * self.length * densest,
+            "quota": _OF_A_KINK * own * self.length,
+        }
 
     def bands(self) -> Iterator[_Band]:
         """Groups of tiles whose lists have room together."""
-        places = np.unique(np.concatenate([some.places for some in self.parts]))
+        places = np.unique(np.concatenate([np.empty(0, np.int64), *(some.places for some in self.parts)]))
         if not len(places):
             return
         rows = np.zeros((len(self.quantities), len(places)), np.int64)
         for some in self.parts:
-            rows[some.quantity_index, np.searchsorted(places, some.places)] += some.rows
+            rows[some.list_index, np.searchsorted(places, some.places)] += some.rows
         most = np.maximum(rows.max(axis=0), [self.rooms.get(place, 0) for place in places.tolist()])
         size = len(rows) * (self.march.dtype("segments").itemsize + 8 * (self.degree + 1) + 12)
         fixed = self.march.dtype("stops").itemsize * self.visibility.most
@@ -395,7 +307,7 @@ class _March:
         lists["lists"] = self.device.buffer(band.lists)
         lists["rays"] = self.traversal.rays(self.march, self.view, 0, len(band))
         self.march(len(band), lists, groups=True, work=band.lists["room"])
-        if any(self.curved):
+        if self.shown.is_curved:
             lost = self.device.read(lists["lost"], np.uint32)[: len(self.quantities) * pixel.size]
             self.lost[pixel[held]] += lost.reshape(-1, *pixel.shape).sum(axis=0, dtype=np.int64)[held]
 
@@ -411,7 +323,7 @@ class _March:
             lists = self._empty(len(band), band.rows)
             for some in self.parts:
                 self._list(some, band, lists)
-            if not any(self.curved):
+            if not self.shown.is_curved:
                 return lists
             counts = self.device.read(lists["counts"], np.uint32)[: len(self.quantities) * LANES * len(band)]
             needed = counts.reshape(-1, len(band), LANES).max(axis=(0, 2))
@@ -447,6 +359,6 @@ class _March:
         if held.any():
             arrays = {**some.data, "tiles": some.tiles[held], "lists": own}
             data = {name: self.device.buffer(array) for name, array in arrays.items()} | some.proof
-            data["rays"] = self.traversal.rays(some.kernel, self.view, some.number, len(own))
-            bound = self.loaded.bindings(some.number, self.quantities[some.quantity_index])
+            data["rays"] = self.traversal.rays(some.kernel, some.view, some.number, len(own))
+            bound = self.loaded.bindings(some.number, some.quantity)
             some.kernel(len(own), {**bound, **lists, **data}, groups=True, work=some.rows[held])
