@@ -40,7 +40,7 @@ def solid(mesh, modes=7):
 
 
 def baseline(dataset, level):
-    return Baseline.of(dataset, Quantities(dataset, ["u"]), level)
+    return Baseline.of(Quantities(dataset, ["u"]), level)
 
 
 def volumes(points, simplices):
@@ -250,7 +250,7 @@ def test_volumes_are_clipped_and_mixed():
     )
     scene = Scene("u", camera=VIEW.camera, size=(40, 30), objects=volumes, clip=clips, range=(0.0, 1.7))
     exact = render(data, scene)
-    made = Baseline.of(data, Quantities(data, names_of(scene)), 0).draw(scene, exact.view, (0.0, 1.7))
+    made = Baseline.of(Quantities(data, names_of(scene)), 0).draw(scene, exact.view, (0.0, 1.7))
     assert (exact.color.min(axis=2) < 0.8).mean() > 0.1
     assert np.abs(made.color - exact.color).max() < 1e-3
     for gone in range(3):

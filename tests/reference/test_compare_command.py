@@ -161,7 +161,7 @@ def test_meshes_round_trip_through_vtk(block_files, blocks, tmp_path):
     from elvis.reference.baseline.saving import save_mesh
     from elvis.reference.quantities import Quantities
 
-    whole = Baseline.of(blocks, Quantities(blocks, ["wave"]), 1).whole
+    whole = Baseline.of(Quantities(blocks, ["wave"]), 1).whole
     save_mesh(whole, tmp_path / "whole.vtu")
     reader = vtk_reader.vtkXMLUnstructuredGridReader()
     reader.SetFileName(str(tmp_path / "whole.vtu"))

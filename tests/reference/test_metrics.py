@@ -184,7 +184,7 @@ def test_incomparable_pictures_are_rejected(tmp_path):
 def isosurface(function, value, level, cells=4):
     mesh = grid(Shape.TETRAHEDRON, cells)
     dataset = Dataset(mesh, (approximated(Dataset(mesh), "u", function, modes=5),))
-    made = Baseline.of(dataset, Quantities(dataset, ["u"]), level)
+    made = Baseline.of(Quantities(dataset, ["u"]), level)
     return made.triangles(Isosurface((value,)), "u")
 
 

@@ -174,7 +174,7 @@ def test_triangles_from_a_file_cut_linear_meshes_at_their_position(ball):
     scene = Scene("u", camera=CAMERA, size=SIZE, objects=(CutSurface(ball),))
     exact = render(cube(), scene)
     completed = replace(exact.scene, camera=exact.view.camera)
-    made = Baseline.of(cube(), Quantities(cube(), names_of(completed)), 0)
+    made = Baseline.of(Quantities(cube(), names_of(completed)), 0)
     drawn = made.draw(completed, exact.view, (0.0, 1.0))
     assert exact.seen.sum() > 150
     assert np.array_equal(drawn.seen, exact.seen)
@@ -192,7 +192,7 @@ def test_closed_triangulations_clip_their_inside(ball, away):
     assert (far > 0.29).all() if away == "inside" else (far < 0.31).all()
 
     # linear meshes are clipped alike
-    made = Baseline.of(cube(), Quantities(cube(), names_of(scene)), 0).draw(scene, frame.view, (0.0, 1.0))
+    made = Baseline.of(Quantities(cube(), names_of(scene)), 0).draw(scene, frame.view, (0.0, 1.0))
     assert np.array_equal(made.seen, Record.of(frame).seen)
 
 

@@ -95,9 +95,17 @@ class CopiedQuantities(Quantities):
     def outward(self, frame: Frame) -> Frame:
         """The frame with ids of the data, and with the numbers of the copies."""
         copies = np.where(frame.element < 0, -1, frame.element // self.stride)
-        element = np.where(frame.element < 0, -1, frame.element % self.stride)
         assert frame.drawing is not None
-        return replace(frame, element=element, drawing=replace(frame.drawing, copies=copies))
+        return replace(frame, element=self.data_ids(frame.element), drawing=replace(frame.drawing, copies=copies))
+
+    @property
+    def stored(self) -> list[Patch]:
+        """See `Quantities`."""
+        return self.uncopied.patches
+
+    def data_ids(self, element: Ints) -> Ints:
+        """See `Quantities`."""
+        return np.where(element < 0, -1, element % self.stride)
 
     def selected_faces(self, number: int, select: Sequence[str]) -> Bools:
         """See `Quantities`."""

@@ -48,5 +48,5 @@ class LinearPictures:
             if not fits:
                 refinements = f"{level} refinement{'s' * (level != 1)}"
                 raise ElvisError(f"linear elements of {refinements} need {needed / 1e9:.1f} GB, more than there are")
-            self._mesh = key, Baseline.of(dataset, quantities, level)
+            self._mesh = key, Baseline.of(quantities, level)
         return self._mesh[1]

@@ -73,6 +73,15 @@ class Quantities:
         """(n, 6) boxes of the elements of each patch."""
         return [element_boxes(patch) for patch in self.patches]
 
+    @property
+    def stored(self) -> list[Patch]:
+        """The patches of the data: copies of them are not stored."""
+        return self.patches
+
+    def data_ids(self, element: Ints) -> Ints:
+        """Ids in the data of elements, by those of `patches`; -1 stays."""
+        return element
+
     def outward(self, frame: Frame) -> Frame:
         """The frame with the reference coordinates that others use for these elements."""
         return frame

@@ -14,6 +14,7 @@ from elvis.core.arrays import Floats
 from elvis.core.dataset import Dataset
 from elvis.core.distances.boundaries import ALL, boundaries
 from elvis.core.errors import ElvisError
+from elvis.core.isometries import Isometry
 from elvis.core.memory import free_memory
 from elvis.core.needing import MissingPackageError
 from elvis.core.patch import Patch
@@ -38,6 +39,7 @@ from elvis.reference.metrics import Errors, check_comparable, errors, not_narrow
 from elvis.reference.pixel_lines import contour_values
 from elvis.reference.quantities import Quantities, names_of
 from elvis.reference.record import Record
+from elvis.reference.sources import DatasetSource
 from elvis.reference.tolerances import Check, check_tolerances
 from elvis.scene import CutSurface, Faces, Isosurface, Scene, SceneObject, TriangleMesh, VolumeRendering
 from elvis.scene.frame import Frame, Status
@@ -49,6 +51,8 @@ VALIDATION_SIZE = 300
 CONTOURS = 10
 #: why a picture that shows nothing is not scored
 NOTHING_DRAWN = "it draws no object of this scene, so there is no score"
+#: why VTK has no picture of copies
+NO_COPIES = "its cells are those of the data, without copies"
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,8 +175,6 @@ def compare_scene(
     """
     if Kind.of(dataset) is Kind.LINE:
         raise ElvisError("1D data are drawn as curves: there are no linear pictures to compare with")
-    if scene.copies is not None:
-        raise ElvisError("copies: linear pictures have none to compare with: remove mirror, turn and repeat")
     draw, scene = draw or drawing_device(), replace(scene, samples=1, outputs=(), stats=None)
     start = perf_counter()
     frame = draw(dataset, scene, device=scene.device)
@@ -180,8 +182,8 @@ def compare_scene(
     exact, completed = Record.of(frame), complete(frame)
     names = names_of(completed)
     values = _contours(completed, exact, frame.range)
-    quantities, allowed = Quantities(dataset, names), memory_limit() if limit is None else limit
-    surfaces = exact_surfaces(dataset, completed, quantities, allowed)
+    quantities, allowed = _quantities(dataset, completed, names), memory_limit() if limit is None else limit
+    surfaces = exact_surfaces(completed, quantities, allowed)
     sampled = sampled_surfaces(dataset, completed, quantities, surfaces)
     rivals = Rivals(dataset, completed, frame.view, exact, frame.range, values, quantities, surfaces, sampled, meshes)
     fine = max(levels) + 1
@@ -195,13 +197,19 @@ def compare_scene(
         quantities.patches,
         _validate(dataset, completed, draw, validation_size),
         str(frame.stats.get("device", {}).get("label", "")),
-        sum(map(_stored_bytes, quantities.patches)),
+        sum(map(_stored_bytes, quantities.stored)),
         (fine, estimate(quantities.patches, fine, len(names))[2]),
         seconds,
         (*frame.remarks, *_left_out(completed)),
         {f"exact-isosurface-{i}": mesh for i, (_, mesh) in enumerate(surfaces.values())} if meshes else {},
-        line_studies(dataset, completed, quantities, levels, allowed),
+        line_studies(dataset, completed, Quantities(dataset, names), levels, allowed),
     )
+
+
+def _quantities(dataset: Dataset, scene: Scene, names: Sequence[str]) -> Quantities:
+    """Quantities on the elements of a scene: on those of all copies, where it has some."""
+    source = DatasetSource(dataset)
+    return source.quantities(names) if scene.copies is None else source.copied(names, scene.copies.isometries())
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,7 +237,7 @@ class Rivals:
         if not fits:
             return Rival(f"n{level}", name, level, counts=counts, skipped="more than the memory limit")
         try:
-            made = Baseline.of(self.dataset, self.quantities, level)
+            made = Baseline.of(self.quantities, level)
             record = made.draw(self.scene, self.view, self.ends)
         except MissingPackageError:
             raise
@@ -261,6 +269,8 @@ class Rivals:
     def others(self) -> list[Rival]:
         """The picture as VTK draws it, where VTK is installed and has filters for the scene."""
         name = "VTK's own cells"
+        if self.scene.copies is not None:
+            return [Rival("vtk", name, skipped=NO_COPIES)]
         try:
             made = VtkBaseline(self.dataset, self.quantities.names)
             record = made.draw(self.scene, self.view, self.ends)
@@ -292,9 +302,7 @@ def _is_empty(record: Record) -> bool:
     return bool((record.status == Status.MISS).all())
 
 
-def exact_surfaces(
-    dataset: Dataset, scene: Scene, quantities: Quantities, limit: int
-) -> dict[str, tuple[Isosurface, LinearMesh]]:
+def exact_surfaces(scene: Scene, quantities: Quantities, limit: int) -> dict[str, tuple[Isosurface, LinearMesh]]:
     """Each isosurface of a scene at one value, by name, and its exact triangles, as fine as the memory limit allows."""
     elements, count = quantities.patches, len(quantities.names)
     level = max(level for level in range(FINE + 1) if level == 0 or affordable(elements, level, count, limit)[0])
@@ -302,7 +310,7 @@ def exact_surfaces(
     for shown in scene.objects:
         for value in shown.values if isinstance(shown, Isosurface) else ():
             quantity = (shown.quantity if isinstance(shown, Isosurface) else None) or scene.field
-            mesh = exact_isosurface(dataset, quantities, quantity, value, level)
+            mesh = exact_isosurface(quantities, quantity, value, level)
             found[f"{quantity} = {value:g}"] = Isosurface((value,), quantity), mesh
     return found
 
@@ -318,11 +326,13 @@ def sampled_surfaces(
         for name, (shown, mesh) in surfaces.items()
     }
     known = (ALL, *boundaries(dataset.mesh))
+    isometries = [Isometry()] if scene.copies is None else scene.copies.isometries()
     for shown in scene.every_object:
         if isinstance(shown, Faces):
             is_border = len(shown.select) == 1 and shown.select[0] in known
-            back = border_distances(dataset, shown.select[0]) if is_border else None
-            points = face_points(dataset, quantities.patches, shown.select)
+            back = border_distances(dataset, shown.select[0], isometries) if is_border else None
+            own = face_points(dataset, quantities.stored, shown.select)
+            points = np.concatenate([isometry.points(own) for isometry in isometries])
             found[f"faces {', '.join(shown.select)}"] = Sampled(shown, points, back)
     return found
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from elvis.core.arrays import Floats
 from elvis.core.dataset import Dataset
 from elvis.core.distances import nearest, surface_of
+from elvis.core.isometries import Isometry
 from elvis.core.mapping.pointwise import positions
 from elvis.core.needing import MissingPackageError
 from elvis.core.patch import Patch
@@ -123,10 +124,20 @@ class Sampled:
     back: Callable[[Floats], Floats] | None = None
 
 
-def border_distances(dataset: Dataset, border: str) -> Callable[[Floats], Floats]:
-    """Distances of points from a boundary of the data, or all of them, on the curved faces themselves."""
+def border_distances(
+    dataset: Dataset, border: str, isometries: Sequence[Isometry] = (Isometry(),)
+) -> Callable[[Floats], Floats]:
+    """Distances of points from a boundary of copies of the data, or all of them, on the curved faces themselves.
+
+    isometries  of the copies
+    """
     surface = surface_of(dataset, border)
-    return lambda points: np.abs(nearest(surface, points).distance)
+
+    def distances(points: Floats) -> Floats:
+        every = [np.abs(nearest(surface, own.points_before(points)).distance) for own in isometries]
+        return np.asarray(np.min(every, axis=0))
+
+    return distances
 
 
 def deviation(exact: Sampled, other: LinearMesh) -> Deviation | None:

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from elvis.core.arrays import Ints
-from elvis.core.dataset import Dataset
 from elvis.core.mapping.pointwise import positions
 from elvis.core.patch import Patch
 from elvis.reference.baseline.linear_drawing import Baseline
@@ -21,15 +20,13 @@ FINE = 3
 _STEPS = 12
 
 
-def exact_isosurface(
-    dataset: Dataset, quantities: Quantities, name: str, value: float, level: int = FINE
-) -> LinearMesh:
+def exact_isosurface(quantities: Quantities, name: str, value: float, level: int = FINE) -> LinearMesh:
     """The isosurface of a quantity at a value; every corner is on it up to rounding if steps converge.
 
     Corners move along the gradient in reference coordinates: r - (f - value) f' / |f'|^2 (Newton's method on the line
     of steepest ascent); corners that don't converge keep their linear place.
     """
-    made = Baseline.of(dataset, quantities, level)
+    made = Baseline.of(quantities, level)
     parts = [section(part, part.values[name] - value) for part in made.parts]
     pairs = zip(quantities.patches, parts, strict=True)
     return concatenate([_corners_on_surface(quantities, name, patch, part, value) for patch, part in pairs])

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from time import perf_counter
 
 import numpy as np
 
 from elvis.core.arrays import Floats
-from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.patch import Patch
 from elvis.reference.baseline.linear_volumes import volume_fragments
@@ -23,7 +22,7 @@ from elvis.reference.hits import Hits
 from elvis.reference.pixel_lines import lines
 from elvis.reference.quantities import Quantities
 from elvis.reference.record import Record
-from elvis.reference.selection import on_faces, selected_faces
+from elvis.reference.selection import on_faces
 from elvis.reference.solids import cells_of
 from elvis.reference.surfaces import levels, triangles
 from elvis.scene import (
@@ -49,24 +48,29 @@ _DEEPEST = 16
 class Baseline:
     """A dataset cut into simplices, and what that costs.
 
-    parts    the mesh of each patch
-    seconds  for making and drawing, by name
+    parts       the mesh of each patch
+    quantities  at the corners
+    seconds     for making and drawing, by name
     """
 
-    dataset: Dataset
-    patches: Sequence[Patch]
+    quantities: Quantities
     level: int
     parts: Sequence[LinearMesh]
     seconds: dict[str, float] = field(default_factory=dict)
 
     @staticmethod
-    def of(dataset: Dataset, quantities: Quantities, level: int) -> Baseline:
+    def of(quantities: Quantities, level: int) -> Baseline:
         """All elements, each cut ``level`` times, with the quantities at the corners."""
         start = perf_counter()
         parts = linear_meshes(quantities.patches, level, quantities.corners())
-        made = Baseline(dataset, quantities.patches, level, parts)
+        made = Baseline(quantities, level, parts)
         made.seconds["mesh"] = perf_counter() - start
         return made
+
+    @property
+    def patches(self) -> Sequence[Patch]:
+        """The elements that are cut."""
+        return self.quantities.patches
 
     @property
     def flat(self) -> bool:
@@ -118,7 +122,7 @@ class Baseline:
     def _faces(self, number: int, select: Sequence[str]) -> LinearMesh:
         """The selected faces of a patch."""
         patch, part = self.patches[number], self.parts[number]
-        chosen = selected_faces(self.dataset.mesh, patch, select)
+        chosen = self.quantities.selected_faces(number, select)
         if patch.dimension == 2:
             return part.part(np.isin(part.element, patch.element_ids[chosen[:, 0]]))
         on = on_faces(patch, cells_of(patch, self.level).points)
@@ -135,6 +139,7 @@ class Baseline:
                 surfaces += surfaces_of(tracer, shown, scene, view, ends)
         depths = [own.hits.depth for own in surfaces]
         picture = record(surfaces, scene, view, ends, self._volume_fragments(scene, view, depths, ends))
+        picture = replace(picture, element=self.quantities.data_ids(picture.element))
         self.seconds["draw"] = perf_counter() - start - self.seconds.get("cut", 0.0)
         return picture
 

@@ -65,7 +65,7 @@ def _formats(context: click.Context, parameter: click.Parameter, value: str | No
 
 @click.command(
     cls=SceneCommand,
-    leaving=("outputs", "stats", "plain", "samples", "copies", *FIGURE),
+    leaving=("outputs", "stats", "plain", "samples", *FIGURE),
     epilog=EPILOG,
     short_help="Report how exact a picture is, and how linear elements differ.",
 )
