@@ -7,7 +7,8 @@ import pytest
 from driving import PATIENCE, picture, settled
 from test_page import as_rendered
 
-from elvis import Dataset, Deform, Scene, Shape, write
+from elvis import Copies, Dataset, Deform, Plane, Repeat, Scene, Shape, write
+from elvis.core.mesh import PERIODIC
 from elvis.core.testing import approximated, grid
 from elvis.viewer.drawing_process import _Drawing
 from elvis.viewer.moments import source_of
@@ -28,6 +29,7 @@ def test_lines_of_values_belong_to_the_scale_and_the_phase(drawing):
     facts = process.answer("facts", 0, None)
     assert facts["fields"] == ["E_re", "E_im", "E"]
     assert facts["complex"] == ["E"]
+    assert facts["periods"] == {}
     for scale, phase in ((1.0, 0.0), (2.0, 0.0), (2.0, 90.0)):
         shown = replace(scene, deform=replace(scene.deform, scale=scale), phase=phase)
         process._take(process._in_state(shown))
@@ -62,4 +64,41 @@ def test_sliders_change_the_scale_and_the_phase(start, browser, tmp_path):
     assert (shown.deform, shown.phase) == (replace(deform, scale=1.5), 90.0)
     assert picture(viewer) == as_rendered(viewer, tmp_path)
     assert not faults
+    page.close()
+
+
+@pytest.mark.thorough
+def test_copies_are_added_changed_and_removed(start, browser, tmp_path):
+    mesh = grid(Shape.QUADRILATERAL, 1)
+    sides = replace(mesh.composites[1], name=PERIODIC)
+    data = Dataset(replace(mesh, composites=(mesh.composites[0], sides)))
+    data = replace(data, fields=(approximated(data, "u", FUNCTIONS["E_im"], 3),))
+    files = tuple(map(str, write(data, tmp_path / "wave.xml")))
+    viewer = start(Scene("u", data=files, size=(200, 160)))
+    page = browser.new_page()
+    page.set_default_timeout(60000)
+    page.goto(viewer.address)
+
+    def shown():
+        settled(page, viewer)
+        assert page.locator(".elvis-error").is_hidden(), page.inner_text(".elvis-error")
+        return viewer.session.current.copies
+
+    assert shown() is None
+    before = picture(viewer)
+    adding = page.get_by_label("add copies")
+    adding.select_option("mirror at x = 0")
+    mirror = Copies(mirror=(Plane((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)),))
+    assert shown() == mirror
+    adding.select_option("repeat along y, period 1")
+    assert shown() == replace(mirror, repeat=(Repeat("y", 2),))
+    page.get_by_label("count", exact=True).fill("3")
+    page.get_by_label("count", exact=True).press("Tab")
+    assert shown() == replace(mirror, repeat=(Repeat("y", 3),))
+    assert picture(viewer) == as_rendered(viewer, tmp_path)
+    for _ in range(2):
+        page.get_by_title("Remove these copies").last.click()
+        settled(page, viewer)
+    assert shown() is None
+    assert picture(viewer) == before
     page.close()

@@ -173,6 +173,7 @@ class _Drawing:
 
     def _facts(self, _: int, __: Any) -> Table:
         """Choices that the page offers: quantities, boundaries, bounding box of the data."""
+        from elvis.core.copied_domains import periods
         from elvis.core.dataset import Dataset
         from elvis.core.distances.boundaries import bodies, names_of_boundaries
         from elvis.core.picturing import Kind
@@ -184,6 +185,7 @@ class _Drawing:
         facts: Table = {
             "fields": list(names.fields),
             "quantities": _grouped(names, isinstance(data, Dataset)),
+            "periods": {},
             "boundaries": [],
             "bodies": [],
             "body_size": 0.0,
@@ -194,6 +196,7 @@ class _Drawing:
         }
         if isinstance(data, Dataset):
             facts["kind"] = Kind.of(data).name.lower()
+            facts["periods"] = periods(data)
             facts["boundaries"] = names_of_boundaries(data.mesh)
             if not isinstance(self._data, Bricks):
                 facts["bodies"], facts["body_size"] = bodies(data.mesh)

@@ -166,7 +166,7 @@ class Controls {
       radius: this.extent() / 4, angle: 30, expression: this.facts?.fields?.[0] ?? "x", values: [0], count: 10,
       contours: { count: 10 }, range: this.facts?.range ?? [0, 1], densities: [0, 1], file: "surface.stl", direction: [1, 1, 1], linear: 1e-3,
       across: this.axis(), length: this.extent(), arrows: this.extent() / 10, arrow_length: this.extent() / 40, ribbon: this.extent() / 50,
-      tolerance: 1e-6, font_size: 12,
+      tolerance: 1e-6, font_size: 12, step: [this.extent(), 0, 0],
     };
     if (key in usual) return usual[key];
     if (own.default !== undefined && own.default !== null) return own.default;
@@ -1865,7 +1865,7 @@ class Viewer {
     const section = (title, names) => [make("h2", {}, title), ...names.map((name) =>
       make_.row(name, this.schema.properties[name], this.table[name], (value, moving) => this.change({ [name]: value ?? null }, moving)))];
     const scroll = this.panel.scrollTop, focused = this.panel.contains(document.activeElement) ? this.nameOf(document.activeElement) : null;
-    this.panel.replaceChildren(...this.objects(make_), ...this.states(), ...section("Colour", COLOUR), this.peaks(), ...(this.facts.times?.length > 1 ? section("Time", ["between"]) : []), ...section("Light", LIGHT), ...section("Figure", FIGURE));
+    this.panel.replaceChildren(...this.objects(make_), ...this.states(), ...this.copies(make_), ...section("Colour", COLOUR), this.peaks(), ...(this.facts.times?.length > 1 ? section("Time", ["between"]) : []), ...section("Light", LIGHT), ...section("Figure", FIGURE));
     Controls.restore(this.panel);
     this.panel.scrollTop = scroll;
     if (focused) this.focusable().find((one) => this.nameOf(one) === focused)?.focus({ preventScroll: true });
@@ -1921,6 +1921,45 @@ class Viewer {
       rows.push(this.sliderWithField("phase", 0, 360, phase ?? 0, (value, moving) => this.change({ phase: value }, moving)));
     }
     return rows.length ? [make("h2", {}, deform ? "Deformation" : "Phase"), ...rows] : [];
+  }
+
+  // mirrors, turns and repetitions, and what can be added; an empty table of copies is none
+  copies(controls) {
+    if (this.facts.kind === "line" || !this.facts.box) return [];
+    const { properties } = controls.resolve({ $ref: "#/$defs/Copies" });
+    const own = this.table.copies ?? {};
+    const put = (name, list, moving) => {
+      const next = Object.fromEntries(Object.entries({ ...own, [name]: list }).filter(([, each]) => each.length));
+      this.change({ copies: Object.keys(next).length ? next : null }, moving);
+    };
+    const rows = Object.entries(properties).flatMap(([name, { items }]) => (own[name] ?? []).map((item, i, every) => {
+      const set = (value, moving) => put(name, every.map((old, k) => (k === i ? value : old)), moving);
+      const remove = make("button", { type: "button", title: "Remove these copies", onclick: () => put(name, every.filter((_, k) => k !== i)) }, "delete");
+      return controls.fold(`${name} ${i + 1}`, "", [make("div", { className: "elvis-buttons" }, remove), ...controls.rows(controls.resolve(items), item, set)], true);
+    }));
+    const offered = this.offeredCopies();
+    const add = (e) => {
+      const [, name, item] = offered[e.target.selectedIndex - 1];
+      put(name, [...(own[name] ?? []), item]);
+    };
+    const adding = make("select", { "aria-label": "add copies", onchange: (e) => e.target.selectedIndex && add(e) },
+      make("option", {}, "add…"), ...offered.map(([text]) => make("option", {}, text)));
+    return [make("h2", {}, "Copies"), ...rows, adding];
+  }
+
+  // copies to choose from: mirrors at the sides of the data, turns, and repetitions by declared periods or by the extent
+  offeredCopies() {
+    const { box: [low, high], periods = {}, kind } = this.facts, isFlat = kind === "plane";
+    const along = (axis, size) => [0, 1, 2].map((k) => (k === axis ? size : 0));
+    const axes = ["x", "y", "z"].map((name, axis) => ({ name, axis, size: high[axis] - low[axis] }));
+    const inSpace = isFlat ? axes.slice(0, 2) : axes;
+    const mirrors = inSpace.flatMap(({ name, axis }) => [...new Set([low[axis], high[axis]])].map((end) =>
+      [`mirror at ${name} = ${short(end)}`, "mirror", { point: along(axis, end), normal: along(axis, 1) }]));
+    const turns = (isFlat ? axes.slice(2) : axes).map(({ name, axis }) => [`turn about ${name}`, "turn", { axis: along(axis, 1), count: 4 }]);
+    const repeats = inSpace.filter(({ name, size }) => name in periods || size > 0).map(({ name, axis, size }) => (name in periods ?
+      [`repeat along ${name}, period ${short(periods[name])}`, "repeat", { step: name, count: 2 }] :
+      [`repeat along ${name}`, "repeat", { step: along(axis, size), count: 2 }]));
+    return [...mirrors, ...turns, ...repeats];
   }
 
   objects(controls) {
