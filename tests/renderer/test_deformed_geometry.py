@@ -252,6 +252,18 @@ def test_frames_over_the_scale_are_stills(flat_files, tmp_path, option):
     assert not np.array_equal(frames[0], frames[1])
 
 
+def test_films_report_scales_that_fold_elements(tmp_path):
+    # x + S (-x, 0) is flat at S = 1 and inverted beyond
+    data = Dataset(grid(Shape.QUADRILATERAL, 1))
+    data = replace(data, fields=(approximated(data, "u", lambda x: -x[:, 0], 2),))
+    files = map(str, write(data, tmp_path / "flat.xml"))
+    words = ["animate", *files, "--deform", "u,0", "--size", "8", "--plain", "--frames", "4", "-o", f"{tmp_path}/film"]
+    told = CliRunner().invoke(group, [*words, "--scale", "0:1.8"]).stderr
+    assert "folded at 2 of the scales, the nearest to 0 is 1.2" in " ".join(told.split())
+    told = CliRunner().invoke(group, [*words, "--scale", "0:0.9", "--overwrite"]).stderr
+    assert "folded" not in told
+
+
 def test_a_mode_oscillates_without_a_seam(flat_files, tmp_path):
     words = [*flat_files, "--deform", "u,v", "--undeformed", "mesh", "--scale", "mode:2"]
     frames, (rest, most, least) = played(tmp_path, words, LOOK, "--scale", [0.0, 2.0, -2.0], 4)

@@ -157,6 +157,7 @@ class Deformed:
     told          remarks of the dataset on the deformation
     is_height     whether 2D data became a surface in space, of which the displacement is the height
     may_jump      whether the displacement may jump between elements, which then come apart or overlap
+    folds         whether elements are inverted or folded
     """
 
     displacement: tuple[str, ...]
@@ -166,6 +167,7 @@ class Deformed:
     told: tuple[str, ...] = ()
     is_height: bool = False
     may_jump: bool = False
+    folds: bool = False
 
     def __str__(self) -> str:
         where = f"gradients are taken in the {self.gradients} configuration"

@@ -76,9 +76,10 @@ def with_deformation(dataset: Dataset, deformation: Deformation, ranks: Ranks = 
     assert found.deformation is not None
     may_jump = any(own.continuous is not True for own in components)
     own = replace(found.deformation, displacement=tuple(texts), may_jump=may_jump)
-    told = (str(own), *_doubts(components), *folded(found, ranks).sentences())
+    faults = tuple(folded(found, ranks).sentences())
+    told = (str(own), *_doubts(components), *faults)
     new = tuple(remark for remark in told if remark not in found.remarks)
-    return replace(found, remarks=(*found.remarks, *new), deformation=replace(own, told=new))
+    return replace(found, remarks=(*found.remarks, *new), deformation=replace(own, told=new, folds=bool(faults)))
 
 
 def largest_scale(dataset: Dataset, displacement: str) -> LargestScale:

@@ -75,6 +75,7 @@ class Film:
         self._device = scene.device
         self._pictures: Pictures | None = None
         self._moment: Moment | None = None
+        self._folded: set[float] = set()
         # a single thread reads steps: the next one, while a picture is drawn
         self._reader = ThreadPoolExecutor(1, "elvis-reading")
         self._next: tuple[Moment, Future[Dataset | None]] | None = None
@@ -100,8 +101,14 @@ class Film:
 
     @property
     def told(self) -> tuple[str, ...]:
-        """Remarks of the series on the steps that were read."""
-        return () if self.series is None else self.series.told
+        """Remarks of the series on the steps that were read, and one on deformations that fold elements."""
+        told = () if self.series is None else self.series.told
+        if not self._folded:
+            return told
+        nearest = min(self._folded, key=abs)
+        frames = f"at {len(self._folded)} of the scales" if len(self._folded) > 1 else "at one of the scales"
+        limit = "elvis info --largest-scale prints the largest valid one"
+        return (*told, f"elements are inverted or folded {frames}, the nearest to 0 is {nearest:g}; {limit}")
 
     def write(self, shots: Sequence[Shot]) -> Iterator[Path]:
         """Write frames one after another; the file of each, once it is there or its step turns out to be damaged."""
@@ -119,12 +126,19 @@ class Film:
         """
         pictures = self._shown(scene, following)
         try:
-            return None if pictures is None else pictures.draw(scene)
+            return None if pictures is None else self._pictured(pictures, scene)
         except AbsentError as error:
             if self.series is None:
                 raise
             self._pass_over(self.series, scene.moment, str(error))
             return None
+
+    def _pictured(self, pictures: Pictures, scene: Scene) -> Frame:
+        """The picture of a scene; scales at which its deformation folds elements are noted."""
+        frame = pictures.draw(scene)
+        if pictures.folds_at is not None:
+            self._folded.add(pictures.folds_at)
+        return frame
 
     def first_camera(self, scenes: Sequence[Scene]) -> Camera:
         """The camera of the picture of the first of some scenes whose step can be read; FormatError where none can."""

@@ -167,6 +167,12 @@ class Pictures:
         self._copy_checks = CopyChecks()
         self._conversion: tuple[object, tuple[str, ...]] = (None, ())
 
+    @property
+    def folds_at(self) -> float | None:
+        """The scale of the deformation of the last picture where it folds elements; None if it folds none."""
+        known = self._geometry.deformation if isinstance(self._geometry, Dataset) else None
+        return known.scale if known is not None and known.folds else None
+
     def draw(self, scene: Scene) -> Frame:
         """A picture; raises as `render`."""
         asked, scene, data, remarks = self._arranged(scene)
