@@ -133,6 +133,16 @@ def test_the_mirror_image_is_that_of_a_mirrored_file(data, mirrored, drawn, fiel
     compare(render(data, field, mirror="x=0", **options), render(mirrored, field, **options), 4)
 
 
+@pytest.mark.parametrize("field", ["wall_shear_x(mu=1)", "wall_shear_z(mu=1)", "q_criterion"])
+def test_shear_and_q_are_those_of_a_mirrored_file(data, mirrored, field):
+    """The shear across the mirror changes its sign, the shear along it and Q do not."""
+    # faces of the data on the mirror may be seen between both halves, where pixels are ambiguous
+    options = {"camera": CAMERA, "size": 60, "faces": "all", "range": (-2.0, 2.0)}
+    ours, theirs = render(data, field, mirror="x=0", **options), render(mirrored, field, **options)
+    compare(ours, theirs, 4)
+    assert np.ptp(ours.field[ours.copy == 1]) > 0.1
+
+
 VOLUME = {"camera": CAMERA, "size": 50, "volume": "-1.5:0,0:3,1.5:6"}
 
 

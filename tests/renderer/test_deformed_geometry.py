@@ -186,6 +186,9 @@ def test_walls_close_the_jumps_of_a_height():
     changed = np.abs(closed.color - alone.color).max(axis=2) > 0
     assert np.array_equal(changed, is_wall)
     assert np.array_equal(closed.element, alone.element)
+    told = "walls: 2 vertical strips close the jumps of the height; values and positions in records leave walls out"
+    assert told in closed.remarks
+    assert not any("walls" in remark for remark in alone.remarks)
 
 
 def test_a_height_seen_from_above_is_the_picture_of_the_plane():

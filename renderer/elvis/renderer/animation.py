@@ -136,8 +136,9 @@ class Film:
     def _pictured(self, pictures: Pictures, scene: Scene) -> Frame:
         """The picture of a scene; scales at which its deformation folds elements are noted."""
         frame = pictures.draw(scene)
-        if pictures.folds_at is not None:
-            self._folded.add(pictures.folds_at)
+        deformation = frame.stats.get("deformation", {})
+        if deformation.get("folds"):
+            self._folded.add(deformation["scale"])
         return frame
 
     def first_camera(self, scenes: Sequence[Scene]) -> Camera:

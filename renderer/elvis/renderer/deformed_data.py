@@ -64,6 +64,17 @@ class DeformedData:
         walls = self._walls_of(scene) if deform.walls else None
         return found if walls is None else {**found, WALLS: walls}
 
+    def remarks(self, scene: Scene) -> tuple[str, ...]:
+        """Remarks on the walls of a height that a scene shows."""
+        if scene.deform is None or not scene.deform.walls:
+            return ()
+        walls = self._walls_of(scene)
+        if walls is None:
+            return ("walls: the height does not jump between elements, so there are none",)
+        count = walls.mesh.count
+        strips = "1 vertical strip closes a jump" if count == 1 else f"{count} vertical strips close the jumps"
+        return (f"walls: {strips} of the height; values and positions in records leave walls out",)
+
     def _walls_of(self, scene: Scene) -> Dataset | None:
         """Walls of the height that a scene shows; None where it doesn't jump."""
         data = self.of(scene)

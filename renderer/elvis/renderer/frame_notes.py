@@ -23,6 +23,8 @@ def note(frame: Frame, scene: Scene, data: Dataset | PluginData, remarks: Sequen
     if not scene.every_object and len(shown) == 1 and isinstance(shown[0], Faces):
         remarks = ("no objects are given, such as --plane or --cut: all outer faces are shown", *remarks)
     frame.stats["remarks"] = [*remarks, *frame.stats.get("remarks", ()), *_constants(frame)]
+    if isinstance(data, Dataset) and data.deformation is not None:
+        frame.stats["deformation"] = {"scale": data.deformation.scale, "folds": data.deformation.folds}
     return frame.at(data.instant) if isinstance(data, Dataset) and data.instant is not None else frame
 
 

@@ -167,12 +167,6 @@ class Pictures:
         self._copy_checks = CopyChecks()
         self._conversion: tuple[object, tuple[str, ...]] = (None, ())
 
-    @property
-    def folds_at(self) -> float | None:
-        """The scale of the deformation of the last picture where it folds elements; None if it folds none."""
-        known = self._geometry.deformation if isinstance(self._geometry, Dataset) else None
-        return known.scale if known is not None and known.folds else None
-
     def draw(self, scene: Scene) -> Frame:
         """A picture; raises as `render`."""
         asked, scene, data, remarks = self._arranged(scene)
@@ -183,9 +177,8 @@ class Pictures:
             return note(other(data, scene), asked, data, remarks)
         if self._kind is Kind.LINE and isinstance(data, Dataset):
             return note(draw_curves(data, scene), asked, data, remarks)
-        renderer = self._with_volume(data, scene)
-        frame = renderer.render(scene, references=is_exact(scene))
-        return note(frame, asked, data, (*remarks, *self._remarks))
+        frame = self._with_volume(data, scene).render(scene, references=is_exact(scene))
+        return note(frame, asked, data, (*remarks, *self._deformed.remarks(scene), *self._remarks))
 
     def camera(self, scene: Scene) -> Camera:
         """The camera of that picture; if a Renderer draws it, only the view is computed."""
@@ -326,8 +319,8 @@ class Renderer:
         """
         start = perf_counter()
         before = None if self._stages is None else self._stages.others
-        further = () if copied is None else copied.expressions
-        others = OtherData.of(self.device, dataset, quantities, before, further)
+        copied = copied or CopiedData()
+        others = OtherData.of(self.device, dataset, quantities, before, copied.expressions)
         self.show(volume_of(dataset, others.own), dataset, others, copied)
         self._ghosts.show(ghosts or {}, others.own, self.stages)
         self.seconds["load"] = perf_counter() - start
@@ -389,11 +382,7 @@ class Renderer:
             device={"name": self.device.adapter.name, "label": self.device.adapter.label},
             elements=self.stages.elements,
             pixels=frame.counts(),
-            remarks=[
-                *frame.stats.get("remarks", ()),
-                *self.device.passed,
-                *self.device.cache.remarks,
-            ],
+            remarks=[*frame.stats.get("remarks", ()), *self.device.passed, *self.device.cache.remarks],
         )
         if scene.box or scene.axes:
             frame = replace(frame, box=self.stages.domain())

@@ -29,7 +29,7 @@ def print_largest_scale(data: Data, ranks: Ranks, as_json: bool) -> None:
     from elvis.plugins.deforming import largest_scale
     from elvis.renderer.commands.sources import native_source
 
-    if data.deformation is None:
+    if data.deformation is None or data.deformation.height:
         raise click.UsageError("expected --deform with --largest-scale", click.get_current_context())
     if is_idle(ranks):
         return
