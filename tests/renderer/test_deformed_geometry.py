@@ -11,6 +11,7 @@ from PIL import Image
 from elvis import Camera, Dataset, Deform, MeshLines, Scene, SceneError, Shape, deform, render, sample, write
 from elvis.core.testing import approximated, grid
 from elvis.plugins.command import elvis as group
+from elvis.reference.study import compare_scene
 from elvis.renderer.rendering import Pictures
 from elvis.renderer.undeformed import GREY, OPACITY
 from elvis.scene.commandline.writing import option_words
@@ -253,6 +254,33 @@ def test_frames_over_the_scale_are_stills(flat_files, tmp_path, option):
     frames, stills = played(tmp_path, words, LOOK, "--scale", [0.0, 0.75, 1.5], 3)
     assert all(map(np.array_equal, frames, stills))
     assert not np.array_equal(frames[0], frames[1])
+
+
+def test_linear_pictures_of_deformed_data_are_those_of_a_moved_map(flat_files):
+    look = [
+        "--field",
+        "p",
+        "--undeformed",
+        "mesh",
+        "--size",
+        "30",
+        "--refinements",
+        "0,1",
+        "--validate",
+        "20",
+        "--json",
+    ]
+    outcome = CliRunner().invoke(group, ["compare", *flat_files, "--deform", "u,v", "--scale", "2", *look])
+    assert outcome.exit_code == 0, outcome.output
+    found = json.loads(outcome.stdout)
+    data = moved(solid(Shape.QUADRILATERAL), 2)
+    expected = compare_scene(data, Scene("p", size=(30, 30)), (0, 1), validation_size=20)
+    assert found["pixel_exact"]
+    assert "deformed by 2" in outcome.stderr
+    for own, other in zip(found["baselines"][:2], expected.rivals, strict=False):
+        assert own["value_max"] == pytest.approx(other.errors.value_max, rel=1e-8)
+        assert own["position_max"] == pytest.approx(other.errors.position_max, rel=1e-8)
+        assert own["value_max"] > 0.01
 
 
 def test_films_report_scales_that_fold_elements(tmp_path):

@@ -175,7 +175,7 @@ def compare_scene(
     """
     if Kind.of(dataset) is Kind.LINE:
         raise ElvisError("1D data are drawn as curves: there are no linear pictures to compare with")
-    draw, scene = draw or drawing_device(), replace(scene, samples=1, outputs=(), stats=None)
+    draw, scene = draw or drawing_device(), _comparable(scene)
     start = perf_counter()
     frame = draw(dataset, scene, device=scene.device)
     seconds = {"exact": perf_counter() - start}
@@ -204,6 +204,12 @@ def compare_scene(
         {f"exact-isosurface-{i}": mesh for i, (_, mesh) in enumerate(surfaces.values())} if meshes else {},
         line_studies(dataset, completed, Quantities(dataset, names), levels, allowed),
     )
+
+
+def _comparable(scene: Scene) -> Scene:
+    """The scene without outputs, and without geometries next to the deformed one, which are not compared."""
+    deform = scene.deform and replace(scene.deform, undeformed=None, walls=False)
+    return replace(scene, samples=1, outputs=(), stats=None, deform=deform)
 
 
 def _quantities(dataset: Dataset, scene: Scene, names: Sequence[str]) -> Quantities:

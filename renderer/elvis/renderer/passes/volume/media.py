@@ -103,8 +103,10 @@ class Media:
         """What each copy contributes: the same for copies whose quantities are the same."""
         known: dict[tuple[str | None, ...], CopyMedia] = {}
         found = []
-        for names in [copy.on_device for copy in self.shown_copies] or [lambda name: name]:
-            own = {quantity: names(quantity) for quantity in self.quantities}
+        if not self.shown_copies:
+            return [CopyMedia(traversal, self.media, {quantity: quantity for quantity in self.quantities})]
+        for copy in self.shown_copies:
+            own = {quantity: copy.on_device(quantity) for quantity in self.quantities}
             key = tuple(own.values())
             if key not in known:
                 known[key] = CopyMedia(traversal, self.media, own)
