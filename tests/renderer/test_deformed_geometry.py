@@ -257,20 +257,9 @@ def test_frames_over_the_scale_are_stills(flat_files, tmp_path, option):
 
 
 def test_linear_pictures_of_deformed_data_are_those_of_a_moved_map(flat_files):
-    look = [
-        "--field",
-        "p",
-        "--undeformed",
-        "mesh",
-        "--size",
-        "30",
-        "--refinements",
-        "0,1",
-        "--validate",
-        "20",
-        "--json",
-    ]
-    outcome = CliRunner().invoke(group, ["compare", *flat_files, "--deform", "u,v", "--scale", "2", *look])
+    deformed = ["--deform", "u,v", "--scale", "2", "--undeformed", "mesh"]
+    look = ["--field", "p", "--size", "30", "--refinements", "0,1", "--validate", "20", "--json"]
+    outcome = CliRunner().invoke(group, ["compare", *flat_files, *deformed, *look])
     assert outcome.exit_code == 0, outcome.output
     found = json.loads(outcome.stdout)
     data = moved(solid(Shape.QUADRILATERAL), 2)
