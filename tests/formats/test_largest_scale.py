@@ -9,7 +9,7 @@ import pytest
 from elvis import Dataset, ElvisError, Shape, largest_scale
 from elvis.core.deforming import moving_maps
 from elvis.core.geometry import geometry
-from elvis.core.polynomials.evaluation import evaluate_with_gradients
+from elvis.core.polynomials.evaluation import evaluate, evaluate_with_gradients
 from elvis.core.testing import approximated, curved, grid, ripple, scattered
 
 SOLIDS = [Shape.TETRAHEDRON, Shape.PYRAMID, Shape.PRISM, Shape.HEXAHEDRON]
@@ -56,6 +56,20 @@ def test_analytic_values_are_reached_to_a_millionth(shape, name):
     assert found.valid <= expected <= found.folded
     assert found.folded - found.valid <= 1e-6 * expected
     assert found.state == ("zero" if name == "swelling" else "negative")
+
+
+@pytest.mark.parametrize("shape", [Shape.TRIANGLE, Shape.QUADRILATERAL, Shape.TETRAHEDRON, Shape.HEXAHEDRON])
+def test_analytic_values_are_reached_on_curved_elements(shape):
+    # maps of degree 2 and displacements of degree 2 in x are of degree 4 in the coordinates of the elements
+    data = Dataset(curved(grid(shape, 1), ripple(0.03), 3))
+    points = np.concatenate([shape.vertices, scattered(shape, 500)])
+    highest = max(evaluate(own.expansion, own.coefficients[:, 1], points).max() for own in geometry(data))
+    for name, scale in {"swelling": 1.0, "bending": 1.0 / highest, "shear": inf}.items():
+        found = largest_scale(*displaced(data.mesh, CLOSED_FORMS[name][0], 4))
+        assert found.is_certified
+        assert found.folded == pytest.approx(scale, rel=1e-6)
+        if scale < inf:
+            assert found.valid == pytest.approx(scale, rel=1e-6)
 
 
 def jacobians(maps, points, scale):
