@@ -32,6 +32,7 @@ class DrawCall:
     ghost     stages of the undeformed geometry, if the surface belongs to it: such surfaces have no part in ranges and
               records
     bare      whether only its lines are drawn
+    set_back  part of the extent by which its colours lie behind it, where other surfaces may coincide with it
     copy      the copy of the data whose surface it is; None without copies.  Then hits are those of the data, seen in
               the view that `view_of` returns
     is_inside whether it lies in the elements, unlike tubes and glyphs
@@ -47,6 +48,7 @@ class DrawCall:
     level: float | None = None
     ghost: Stages | None = None
     bare: bool = False
+    set_back: float = 0.0
     copy: Copy | None = None
     is_inside: bool = True
 

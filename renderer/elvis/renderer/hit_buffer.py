@@ -185,6 +185,12 @@ class HitBuffer:
         vars(other)["_made"] = {**vars(self).get("_made", {}), "normal": lambda: self.normal @ rotation.T}
         return other
 
+    def set_back(self, distance: float) -> HitBuffer:
+        """The hit buffer with depths that are greater by a distance."""
+        other = copy(self)
+        other.depth, other.held = self.depth + distance, {n: own for n, own in self.held.items() if n != "depth"}
+        return other
+
     def of_copies(self, copies: Ints) -> HitBuffer:
         """The hit buffer with numbers of copies (n,)."""
         other = copy(self)

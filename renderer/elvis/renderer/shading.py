@@ -137,7 +137,8 @@ class Painter:
         fragments = FragmentLists(self.stages.loaded.device, view.count, len(drawn), behind, whole=whole)
         for number, (draw_call, hits) in enumerate(drawn):
             material = self._material(view, draw_call, hits)
-            self._shader.add(draw_call.view_of(view), hits, material, fragments, number)
+            placed = hits.set_back(draw_call.set_back * self.stages.loaded.extent) if draw_call.set_back else hits
+            self._shader.add(draw_call.view_of(view), placed, material, fragments, number)
         fragments.compose()
         if volumes:
             self._draw_volumes(view, volumes, fragments)

@@ -21,6 +21,8 @@ UNDEFORMED, WALLS = "undeformed", "walls"
 GREY = (0.45, 0.45, 0.45)
 #: opacity of its faces
 OPACITY = 0.25
+#: part of the extent within which surfaces of both geometries coincide in pictures
+APART = 1e-6
 #: how the word of a scene is drawn
 STYLES = {
     "outline": Style(color=GREY),
@@ -69,10 +71,10 @@ def _with_undeformed(draw_calls: list[DrawCall], ghost: Stages, how: str) -> lis
     """The draw calls and that of the undeformed geometry."""
     own = _draw_call(ghost, UNDEFORMED, STYLES[how])
     # an outline needs the nearest surfaces only
-    own = replace(own, bare=how != "faces", once=own.once or how == "outline")
-    # both geometries lie in the plane of 2D data: lines belong in front, faces behind
-    is_behind = own.once and how == "faces"
-    return [*draw_calls, own] if is_behind else [own, *draw_calls]
+    is_bare = how != "faces"
+    # where both geometries coincide, lines belong in front and faces behind
+    own = replace(own, bare=is_bare, once=own.once or how == "outline", set_back=-APART if is_bare else APART)
+    return [own, *draw_calls]
 
 
 def _draw_call(ghost: Stages, name: str, style: Style) -> DrawCall:
