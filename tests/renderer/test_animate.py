@@ -61,7 +61,7 @@ def drawn(monkeypatch):
 
     class Sketch:
         def __init__(self, scene):
-            self.scene = scene
+            self.scene, self.stats = scene, {}
 
         def save(self, path, plain):
             Image.new("RGB", (int(9 + self.scene.zoom), 7), (int(40 * self.scene.zoom),) * 3).save(path)
