@@ -136,3 +136,14 @@ def test_signs_of_eigenvalues_match_those_of_all_matrices_in_discs(kernel_of):
     known = 8 * spread < np.max([np.abs(ends[:, 1]), np.minimum(-ends[:, 0], ends[:, 2])], axis=0)
     assert (verdict[known] != 0).mean() > 0.98
     assert min((verdict == 1).sum(), (verdict == -1).sum()) > COUNT / 10
+
+
+def test_numbers_without_all_digits_have_room(made):
+    """Products below the smallest normal number vanish on devices, and what is divided by a small one counts."""
+    quotient = made("over", [[1e-307, 0.0, 0.0]], [[1e-100, 1e-101, 0.0]])[0]
+    wanted = 1e-307 / 0.9e-100 - 1e-207
+    assert quotient[1] >= wanted
+    assert quotient[7] >= wanted
+    lost = made("plus", [[0.0, 0.0, 0.0]], [[0.0, 0.0, 0.0]], ([[1.0, 0.0, 0.0]], [[1e-17, 0.0, 0.0]]))[0]
+    assert lost[4] == 1.0
+    assert lost[7] >= 1e-17
