@@ -130,6 +130,30 @@ def test_error_of_the_gradient_is_estimated_on_smooth_elements(shape, order, mak
     assert 0.8 < np.median(quotient) < 1.25
 
 
+@pytest.mark.parametrize(
+    ("function", "slopes", "from_column"),
+    [
+        (
+            lambda p: np.hypot(p[:, 0], p[:, 1]) ** (2 / 3),
+            {axis: f"(2/3*{axis}*(x^2 + y^2)^(-2/3))" for axis in "xy"},
+            2,
+        ),
+        (lambda p: np.exp(-25 * p[:, 0]), {"x": "(-25*exp(-25*x))", "y": "0"}, 0),
+    ],
+)
+def test_errors_of_gradients_are_not_those_of_a_corner_or_layer_nearby(function, slopes, from_column):
+    """A corner with its neighbours, and a layer in which the error falls eightfold from element to element."""
+    cells, order = 12, 5
+    bare = Dataset(grid(Shape.QUADRILATERAL, cells))
+    dataset = Dataset(bare.mesh, (approximated(bare, "u", function, order + 1),))
+    ids, true = gradient_error(dataset, slopes)
+    found = Attributes(dataset).constant("recovered_error(u)", Shape.QUADRILATERAL, ids)
+    column, row = np.arange(cells**2) % cells, np.arange(cells**2) // cells
+    is_away = (np.maximum(column, row) >= from_column) & (true > 1e-9)
+    quotient = found[is_away] / true[is_away]
+    assert np.mean((quotient > 0.5) & (quotient < 2)) >= 0.9
+
+
 def test_bad_fields_are_rejected():
     bare = Dataset(grid(Shape.QUADRILATERAL, 1))
     dataset = Dataset(bare.mesh, (Field("u", ()),))

@@ -90,6 +90,11 @@ class ModalBasis:
             kept &= own.reshape(-1, *(1,) * (len(self.factors) - 1 - axis))
         return (~kept).astype(np.float64).reshape(-1)
 
+    def top_norms(self, coefficients: Floats) -> Floats:
+        """(n,) norms, on the reference element, of what `truncated` removes."""
+        modal = self.modal(coefficients).reshape(len(coefficients), -1)
+        return np.asarray(np.sqrt(modal**2 @ self.is_top()))
+
     def _applied(self, coefficients: Floats, matrices: list[Floats]) -> Floats:
         """The coefficients as an array with an axis for each factor, each multiplied by its matrix."""
         net = np.asarray(coefficients, np.float64)[:, self.order].reshape(-1, *self.sizes)

@@ -6,6 +6,9 @@ compared with the field, not q_v.  The polynomials of an element's vertices are 
 
     b = sum over v of hat_v q_v,        hat_v multilinear, 1 at v and 0 at other vertices,
 
+after those that misfit the element were replaced by the one that fits best (`_trusted`): next to layers and corners,
+the elements on the other side of a vertex would spoil the fit.
+
 and only the part of b that the order p lacks is added to the field u on the element:
 
     u* = u + b - R b.
@@ -208,20 +211,27 @@ class _VertexFits:
         """(n, m) coefficients of u* on some elements of a patch."""
         expansion, coefficients = own.field
         target = raised(expansion)
-        operator, restriction = best(target, EXTRA), Restriction.of(expansion, self._is_continuous)
-        blended = self._blended(own, rows, operator.points) @ operator.matrix
+        operator, restriction = best(target, EXTRA), self._restriction(own)
+        found = self._at(own, rows, operator.points)
+
+        # R of functions in the space of u*
+        restricted = values(target, restriction.points).T @ restriction.matrix
+        modes = found @ (operator.matrix @ restricted @ restriction.compared)
+        misfits = ((modes - coefficients[rows] @ restriction.compared) ** 2).sum(axis=2)
+        hats = vertex_functions(own.patch.shape, operator.points)
+        blended = np.einsum("qv,vnq->nq", hats, _trusted(found, misfits)) @ operator.matrix
 
         # u + b - R b, with u and R b in the space of u*
-        lacking = coefficients[rows] - evaluate(target, blended, restriction.points) @ restriction.matrix
+        lacking = coefficients[rows] - blended @ restricted
         return np.asarray(blended + evaluate(expansion, lacking, operator.points) @ operator.matrix)
 
-    def _blended(self, own: _Elements, rows: Ints, points: Floats) -> Floats:
-        """(n, q) values of b at reference points (q, d) of some elements."""
-        places, hats = own.positions(rows, points), vertex_functions(own.patch.shape, points)
-        found = np.zeros(places.shape[:2])
+    def _at(self, own: _Elements, rows: Ints, points: Floats) -> Floats:
+        """(v, n, q) values of the polynomials of the vertices of some elements, at reference points (q, d)."""
+        places = own.positions(rows, points)
+        found = np.empty((own.vertices.shape[1], *places.shape[:2]))
         for corner, vertices in enumerate(own.vertices[rows].T):
             table = self._table(vertices, places)
-            found += hats[:, corner] * np.einsum("knq,nk->nq", table, self.coefficients[vertices])
+            found[corner] = np.einsum("knq,nk->nq", table, self.coefficients[vertices])
         return found
 
     def _table(self, vertices: Ints, places: Floats) -> Floats:
@@ -313,6 +323,23 @@ class _VertexFits:
         lacking *= np.sqrt(weights)
         right = np.einsum("knr,nr->nk", modes, coefficients[rows] @ restriction.compared)
         return _squares(modes), _squares(lacking), right
+
+
+def _trusted(found: Floats, misfits: Floats) -> Floats:
+    """(v, n, q) values of the polynomials of vertices, those that misfit an element replaced by the best one.
+
+    A polynomial is fitted to all elements around a vertex.  If the field is rough on one, it misfits the others.  Each
+    is mixed with the best one; its part is the quotient of their squared misfits, as in weighted essentially
+    non-oscillatory schemes (Liu, Osher and Chan 1994).
+
+    found    (v, n, q) values of the polynomials
+    misfits  (v, n) squared norms of their differences to the field on the elements
+    """
+    best_ones = misfits.argmin(axis=0)
+    least = misfits.min(axis=0)
+    part = np.where(misfits > 0, least / np.where(misfits > 0, misfits, 1.0), 1.0)[..., None]
+    fitting = np.take_along_axis(found, best_ones[None, :, None], axis=0)
+    return np.asarray(part * found + (1 - part) * fitting)
 
 
 def _squares(table: Floats) -> Floats:
