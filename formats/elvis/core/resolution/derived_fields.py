@@ -14,7 +14,7 @@ from elvis.core.resolution.recovery import enriched
 from elvis.core.resolution.truncation import truncated
 
 #: name of the enriched field
-_ENRICHED = "enriched"
+ENRICHED = "enriched"
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +47,7 @@ def derived_field(dataset: Dataset, name: str, function: str, original: str, axe
 
 def enriched_field(dataset: Dataset, name: str) -> Field:
     """The field of one order more (see `recovery`)."""
-    return _once(dataset, name, _ENRICHED, lambda own: enriched(dataset, name))
+    return _once(dataset, name, ENRICHED, lambda own: enriched(dataset, name))
 
 
 def _recovered(dataset: Dataset, own: Field, original: str, name: str, axes: Sequence[int]) -> Field:

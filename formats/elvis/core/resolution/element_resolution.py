@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from functools import cached_property
 
 import numpy as np
 
@@ -17,9 +16,10 @@ from elvis.core.polynomials.evaluation import evaluate, evaluate_with_gradients
 from elvis.core.quantities.derived import TRUNCATED, derived_name
 from elvis.core.resolution.decay_rates import (
     LOWEST_ORDER,
+    OWN_RATES_FROM,
+    acceleration,
     decay_rates,
     grows_at_top,
-    highest_energies,
     remainder_shares,
 )
 from elvis.core.resolution.modal_bases import ModalBasis, exact_rule, modal_basis
@@ -30,8 +30,6 @@ _BATCH = 1 << 20
 DOUBLE, SINGLE = 1e-12, 2.5e-7
 #: share by which a single precision number may be off after a change of basis in double precision
 _CHANGED = 1e-13
-#: quotient of the two estimates of the squared error below which the highest level is empty
-_EMPTY = 1e-6
 #: elements whose values at vertices tell the precision
 _TOLD_BY = 256
 #: amplitude of the highest level, relative to the largest root mean square, below which growth there is not reported:
@@ -95,47 +93,50 @@ def element_resolution(dataset: Dataset, name: str) -> ElementResolution:
     spectra = [_Spectra.of(patch) for patch in held]
     largest = max(float(np.nanmax(own.root_mean_squares, initial=0.0)) for own in spectra)
     precision = SINGLE if all(map(is_single, held)) else DOUBLE
-    squares = _squared_errors(spectra, _around(dataset, spectra))
+    squares = _squared_errors(spectra, _around(dataset, spectra), precision * largest)
     pairs = zip(spectra, squares, strict=True)
     return ElementResolution.together(
         [own.measures(errors, precision * largest, _NOISE * largest) for own, errors in pairs]
     )
 
 
-def _squared_errors(spectra: list[_Spectra], around: list[Floats]) -> list[Floats]:
+def _squared_errors(spectra: list[_Spectra], around: list[Floats], floor: float) -> list[Floats]:
     """For each patch the squared parts (n, 3) of the error by direction.
 
-    The first estimate of `remainder_shares` tells elements apart; all are scaled to the sum of the second if that is
-    smaller.
+    Orders 2 to 4 have too few levels for a rate on each element: sums over neighbours have one, in all directions.
     """
-    parts, sums = [], np.zeros(2)
+    found = []
     for own, near in zip(spectra, around, strict=True):
-        energies = own.directed[..., :2].sum(axis=2) * own.scale[:, None]
-        shares = remainder_shares(near, own.order)
+        parts = np.zeros((len(own.patch), 3))
         if own.order < LOWEST_ORDER:
-            energies[:, 0], shares = own.removed**2, (np.ones(len(near)),) * 2
-        parts.append(energies * shares[0][:, None])
-        sums += [np.nansum(energies * share[:, None]) for share in shares]
-    # symmetric meshes of even or odd functions leave one of the two highest levels empty on all elements: the second
-    # estimate is then too large or nothing, and the first one holds
-    is_known = sums[1] > _EMPTY * sums[0]
-    scale = min(1.0, sums[1] / sums[0]) if is_known else 1.0
-    return [scale * own for own in parts]
+            parts[:, 0] = own.removed**2
+        for factor, energies in zip(own.basis.factors, own.levels, strict=True):
+            if factor.highest < LOWEST_ORDER:
+                continue
+            faster = acceleration(energies * own.scale[:, None])
+            if factor.highest < OWN_RATES_FROM:
+                shares = remainder_shares(near[:, : factor.highest + 1], 0.0, faster)
+            else:
+                shares = remainder_shares(energies, floor * own.root, faster)
+            highest = energies[:, -1] + energies[:, -2]
+            parts[:, list(factor.directions)] = (highest * shares * own.scale / len(factor.directions))[:, None]
+        found.append(parts)
+    return found
 
 
 def _around(dataset: Dataset, spectra: list[_Spectra]) -> list[Floats]:
-    """For each patch (n, 3) sums of `highest_energies` over each element and its neighbours.
+    """For each patch (n, 5) sums of the energies of the levels 0 … 4 over each element and its neighbours.
 
     Elements that share vertices are neighbours: the energies are summed at vertices, and from there over elements.
     """
     mesh = dataset.mesh
-    sums = np.zeros((len(mesh.vertices), 3))
+    sums = np.zeros((len(mesh.vertices), OWN_RATES_FROM))
     corners = []
     for own in spectra:
         shape = own.patch.shape
         vertices = local_vertices(mesh, shape)[mesh.of(shape).rows_of(own.patch.element_ids)]
         corners.append(vertices)
-        energies = np.nan_to_num(own.highest * own.scale[:, None], posinf=0.0)
+        energies = np.nan_to_num(own.low * own.scale[:, None], posinf=0.0)
         for column in vertices.T:
             np.add.at(sums, column, energies)
     return [sums[vertices].sum(axis=1) for vertices in corners]
@@ -208,19 +209,19 @@ class _Spectra:
         """(n,) energies on the element in parts of those on the reference element."""
         return self.measure / self._reference_measure
 
-    @cached_property
-    def directed(self) -> Floats:
-        """(n, 3, 3) `highest_energies` of each direction; those of a factor are divided by its directions."""
-        found = np.zeros((len(self.patch), 3, 3))
-        for factor, energies in zip(self.basis.factors, self.levels, strict=True):
-            share = highest_energies(energies) / len(factor.directions)
-            found[:, list(factor.directions)] = share[:, None]
-        return found
+    @property
+    def root(self) -> float:
+        """The amplitude on the reference element of a field with root mean square 1."""
+        return float(np.sqrt(self._reference_measure))
 
     @property
-    def highest(self) -> Floats:
-        """(n, 3) `highest_energies`, summed over the directions."""
-        return np.asarray(self.directed.sum(axis=1))
+    def low(self) -> Floats:
+        """(n, 5) energies of the levels 0 … 4, summed over the factors."""
+        found = np.zeros((len(self.patch), OWN_RATES_FROM))
+        for energies in self.levels:
+            own = energies[:, :OWN_RATES_FROM]
+            found[:, : own.shape[1]] += own
+        return found
 
     @property
     def order(self) -> int:
@@ -235,7 +236,7 @@ class _Spectra:
         noise    root mean square below which growth is not reported
         """
         count = len(self.patch)
-        root = np.sqrt(self._reference_measure)
+        root = self.root
         rates, grows = np.full((count, 3), np.nan), np.zeros(count, bool)
         for factor, energies in zip(self.basis.factors, self.levels, strict=True):
             rates[:, list(factor.directions)] = decay_rates(energies, floor * root)[:, None]

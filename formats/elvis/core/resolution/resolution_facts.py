@@ -10,6 +10,7 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Dataset
+from elvis.core.geometry import share
 from elvis.core.mapping import pointwise
 from elvis.core.patch import patches
 from elvis.core.quantities.derived import TRUNCATED, derived_name
@@ -68,6 +69,8 @@ def resolution_facts(dataset: Dataset, names: Sequence[str]) -> Facts:
 
     ElvisError for fields without elements, or with Fourier directions.
     """
+    # several measures take the same maps
+    share(dataset.mesh)
     measures = {name: element_resolution(dataset, name) for name in names}
     centres = _Centres.of(dataset)
     return {
