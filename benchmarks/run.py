@@ -26,6 +26,7 @@ import million
 import orders
 import pictures
 import repeating
+import resolution
 import rivals
 import running
 import scenes
@@ -192,6 +193,12 @@ def high_order(options: argparse.Namespace) -> tuple[Any, list[Table]]:
     return numbers, spectral.tables(numbers)
 
 
+def resolved(options: argparse.Namespace) -> tuple[Any, list[Table]]:
+    """Estimates of resolution against true errors."""
+    numbers = resolution.measure(options.quick)
+    return numbers, resolution.tables(numbers)
+
+
 PARTS: dict[str, Part] = {
     "spectral": high_order,
     "cut": cut,
@@ -210,6 +217,7 @@ PARTS: dict[str, Part] = {
     "targets": promised,
     "series": series,
     "measure": measure,
+    "resolution": resolved,
     "flow": streamlines,
     "in-situ": situ,
 }

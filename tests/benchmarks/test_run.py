@@ -20,7 +20,7 @@ def run(*arguments):
 LOOKED_AT = ("cut", "orders", "million")
 OTHERS = (
     "spectral", "surfaces", "isosurface", "volume", "compile", "load", "convert", "start", "repeat", "view", "large",
-    "targets", "series", "measure", "flow", "in-situ"
+    "targets", "series", "measure", "resolution", "flow", "in-situ"
 )  # fmt: skip
 
 
