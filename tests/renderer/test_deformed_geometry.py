@@ -15,6 +15,7 @@ from elvis.reference.study import compare_scene
 from elvis.renderer.rendering import Pictures
 from elvis.renderer.undeformed import GREY, OPACITY
 from elvis.scene.commandline.writing import option_words
+from elvis.scene.saving import arrays
 from elvis.scene.tables import scene_of, table_of
 
 FUNCTIONS = {
@@ -56,6 +57,9 @@ def test_pictures_match_those_of_a_moved_map(drawn):
     assert np.array_equal(ours.element, theirs.element)
     assert np.nanmax(np.abs(ours.field - theirs.field)) < 1e-12
     assert any("deformed by 1.5" in remark for remark in ours.remarks)
+    (told,) = arrays(ours)["deformation"].tolist()
+    assert told.endswith("deformed by 1.5 · (u, v, w); gradients are taken in the undeformed configuration")
+    assert "deformation" not in arrays(theirs)
 
 
 def test_flat_data_are_drawn_deformed():
@@ -191,6 +195,7 @@ def test_walls_close_the_jumps_of_a_height():
     assert np.array_equal(closed.element, alone.element)
     told = "walls: 2 vertical strips close the jumps of the height; values and positions in records leave walls out"
     assert told in closed.remarks
+    assert arrays(closed)["deformation"][1] == told
     assert not any("walls" in remark for remark in alone.remarks)
 
 

@@ -70,10 +70,10 @@ class DeformedData:
             return ()
         walls = self._walls_of(scene)
         if walls is None:
-            return ("walls: the height does not jump between elements, so there are none",)
+            return (f"{WALLS}: the height does not jump between elements, so there are none",)
         count = walls.mesh.count
         strips = "1 vertical strip closes a jump" if count == 1 else f"{count} vertical strips close the jumps"
-        return (f"walls: {strips} of the height; values and positions in records leave walls out",)
+        return (f"{WALLS}: {strips} of the height; values and positions in records leave walls out",)
 
     def _walls_of(self, scene: Scene) -> Dataset | None:
         """Walls of the height that a scene shows; None where it doesn't jump."""

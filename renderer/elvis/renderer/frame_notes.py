@@ -12,6 +12,7 @@ from elvis.core.quantities.derived import RECOVERED
 from elvis.core.quantities.largest_radii import largest_radii
 from elvis.plugins.opening import PluginData
 from elvis.plugins.serving import names_of
+from elvis.renderer.undeformed import WALLS
 from elvis.scene import Faces, Isosurface, Scene
 from elvis.scene.frame import Frame
 from elvis.scene.quantities import quantities
@@ -24,7 +25,9 @@ def note(frame: Frame, scene: Scene, data: Dataset | PluginData, remarks: Sequen
         remarks = ("no objects are given, such as --plane or --cut: all outer faces are shown", *remarks)
     frame.stats["remarks"] = [*remarks, *frame.stats.get("remarks", ()), *_constants(frame)]
     if isinstance(data, Dataset) and data.deformation is not None:
-        frame.stats["deformation"] = {"scale": data.deformation.scale, "folds": data.deformation.folds}
+        known = data.deformation
+        told = [remark for remark in remarks if remark in known.told or remark.startswith(f"{WALLS}: ")]
+        frame.stats["deformation"] = {"scale": known.scale, "folds": known.folds, "remarks": told}
     return frame.at(data.instant) if isinstance(data, Dataset) and data.instant is not None else frame
 
 

@@ -155,7 +155,14 @@ def arrays(frame: Frame) -> dict[str, Any]:
         "uncertainty": frame.uncertainty,
         **({} if frame.copy is None else {"copy": frame.copy.astype(np.int64)}),
         **({} if frame.instant is None else _of_series(frame.instant)),
+        **_of_deformation(frame),
     }
+
+
+def _of_deformation(frame: Frame) -> dict[str, Any]:
+    """Sentences (n,) on the deformation of the data, which name it and where gradients are taken."""
+    known = frame.stats.get("deformation")
+    return {} if known is None else {"deformation": np.array(known["remarks"])}
 
 
 def _of_series(instant: Instant) -> dict[str, Any]:
