@@ -178,12 +178,16 @@ def test_the_record_names_the_deformation_and_folded_elements():
         ("u,v,p", "found 3: u, v, p"),
         ("u,sin(v)", "polynomials of fields on every element, found sin(v)"),
         ("u,q", "there is no 'q'"),
+        ("u,,v", "expected a component between commas, such as u,v,w or u,0,w, found u,,v"),
+        ("d", "the vector d lacks the component d_y"),
         (" ", "expected the components of a displacement"),
     ],
 )
 def test_bad_displacements_give_one_line_errors(text, words):
+    data = polynomial_flow(Shape.QUADRILATERAL, 2)
+    data = replace(data, fields=(*data.fields, replace(data.field("u"), name="d_x")))
     with pytest.raises(ElvisError, match=words.replace("(", r"\(").replace(")", r"\)")):
-        deform(polynomial_flow(Shape.QUADRILATERAL, 2), text)
+        deform(data, text)
 
 
 def test_elements_without_displacement_are_unmoved():

@@ -118,6 +118,16 @@ def components_of(name: str, known: Sequence[str], count: int) -> list[str]:
     return []
 
 
+def missing_components(name: str, known: Sequence[str], count: int) -> list[str]:
+    """Names that a vector lacks of which other components are known; empty where none is known."""
+    for suffixes in SUFFIXES:
+        names = [name + suffix for suffix in suffixes[:count]]
+        missing = [each for each in names if each not in known]
+        if len(missing) < count:
+            return missing
+    return []
+
+
 def cosine_and_sine(degrees: float) -> tuple[float, float]:
     """Cosine and sine of an angle, exact at multiples of 90 degrees; the same for all whole turns."""
     turned = fmod(degrees, 360.0)

@@ -9,7 +9,7 @@ import numpy as np
 
 from elvis.core.arguments import texts_of
 from elvis.core.arrays import Floats
-from elvis.core.complex_fields import components_of
+from elvis.core.complex_fields import components_of, missing_components
 from elvis.core.dataset import Dataset, Field
 from elvis.core.deformation import GRADIENTS, Deformation
 from elvis.core.deforming import check_displacement, deformed, free_names, moving_maps, raised, undeformed
@@ -140,9 +140,18 @@ def texts_of_deformation(dataset: Dataset, deformation: Deformation) -> list[str
 def component_texts(dataset: Dataset, displacement: str) -> list[str]:
     """The components in a text; a vector gives all of its components."""
     texts = texts_of(displacement) or []
+    if not all(text.strip() for text in texts):
+        raise ElvisError(f"--deform: expected a component between commas, such as u,v,w or u,0,w, found {displacement}")
     if len(texts) != 1 or dataset.mesh.space == 1:
         return texts
-    return components_of(texts[0], tuple(dataset), dataset.mesh.space) or texts
+    known, space = tuple(dataset), dataset.mesh.space
+    found = components_of(texts[0], known, space)
+    if found or texts[0] in known:
+        return found or texts
+    missing = missing_components(texts[0], known, space)
+    if missing:
+        raise ElvisError(f"--deform: the vector {texts[0]} lacks the component {', '.join(missing)}")
+    return texts
 
 
 def _doubts(components: Sequence[Field]) -> Iterator[str]:
