@@ -201,12 +201,17 @@ def test_walls_close_the_jumps_of_a_height():
 def test_a_height_seen_from_above_is_the_picture_of_the_plane():
     data = solid(Shape.QUADRILATERAL)
     view = Camera((0.5, 0.5, 5.0), (0.5, 0.5, 0.0), (0.0, 1.0, 0.0), height=1.2)
-    options = {"camera": view, "size": 40, "faces": "all", "lit": False}
+    lines = {"contours": 5, "mesh_lines": True}
+    options = {"camera": view, "size": 40, "faces": "all", "lit": False, "range": (0.0, 2.0), **lines}
     flat, high = render(data, "p", **options), render(data, "p", height="u", scale=3, **options)
     both = (flat.element >= 0) & (high.element >= 0)
     assert both.sum() > 1000
     assert np.array_equal(flat.element, high.element)
     assert np.abs(flat.field - high.field)[both].max() < 1e-12
+    # contours and mesh lines lie on the surface
+    assert np.abs(flat.color - high.color).max() < 1 / 255
+    bare = render(data, "p", **{**options, "contours": None, "mesh_lines": None})
+    assert (np.abs(flat.color - bare.color).max(axis=2) > 0.1).sum() > 100
     heights = 5 - high.depth[both]
     # u = 0.2 y^2 at the places of the pixels
     assert np.abs(heights - 0.6 * high.position[both][:, 1] ** 2).max() < 1e-10
