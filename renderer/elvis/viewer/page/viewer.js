@@ -1949,13 +1949,15 @@ class Viewer {
 
   // copies to choose from: mirrors at the sides of the data, turns, and repetitions by declared periods or by the extent
   offeredCopies() {
-    const { box: [low, high], periods = {}, kind } = this.facts, isFlat = kind === "plane";
+    const { box, periods = {}, kind } = this.facts, isFlat = kind === "plane", extent = length(minus(box[1], box[0]));
+    // without rounding next to zero
+    const [low, high] = box.map((corner) => corner.map((one) => (Math.abs(one) < 1e-12 * extent ? 0 : one)));
     const along = (axis, size) => [0, 1, 2].map((k) => (k === axis ? size : 0));
     const axes = ["x", "y", "z"].map((name, axis) => ({ name, axis, size: high[axis] - low[axis] }));
     const inSpace = isFlat ? axes.slice(0, 2) : axes;
     const mirrors = inSpace.flatMap(({ name, axis }) => [...new Set([low[axis], high[axis]])].map((end) =>
       [`mirror at ${name} = ${short(end)}`, "mirror", { point: along(axis, end), normal: along(axis, 1) }]));
-    const turns = (isFlat ? axes.slice(2) : axes).map(({ name, axis }) => [`turn about ${name}`, "turn", { axis: along(axis, 1), count: 4 }]);
+    const turns = (isFlat ? axes.slice(2) : axes).map(({ name, axis }) => [`turn about ${name}`, "turn", { axis: along(axis, 1), count: 2 }]);
     const repeats = inSpace.filter(({ name, size }) => name in periods || size > 0).map(({ name, axis, size }) => (name in periods ?
       [`repeat along ${name}, period ${short(periods[name])}`, "repeat", { step: name, count: 2 }] :
       [`repeat along ${name}`, "repeat", { step: along(axis, size), count: 2 }]));
