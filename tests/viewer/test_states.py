@@ -62,6 +62,8 @@ def test_sliders_change_the_scale_and_the_phase(start, browser, tmp_path):
         assert picture(viewer) != before
     shown = viewer.session.current
     assert (shown.deform, shown.phase) == (replace(deform, scale=1.5), 90.0)
+    # x (1 - 1.5) at this phase
+    assert "the deformation folds elements" in page.inner_text(".elvis-status")
     assert picture(viewer) == as_rendered(viewer, tmp_path)
     assert not faults
     page.close()

@@ -430,6 +430,7 @@ def _facts_of(frame: Frame, layout: Layout) -> Table:
         "bars": [_facts_of_bar(bar) for bar in layout.bars],
         "counts": frame.counts(),
         "remarks": list(frame.remarks),
+        "folds": bool(frame.stats.get("deformation", {}).get("folds")),
         "ranges": {own.title: [own.palette.low, own.palette.high] for own in legends if own.palette},
         "field": frame.scene.field,
         "title": frame.title,

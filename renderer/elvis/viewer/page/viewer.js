@@ -1446,10 +1446,10 @@ class Viewer {
     this.busy.hidden = true;
   }
 
-  told({ counts, remarks }) {
+  told({ counts, remarks, folds }) {
     this.arrived();
     const shown = ["certain", "ambiguous", "failed"].filter((name) => counts[name] || name === "certain");
-    this.counts.textContent = `pixels: ${shown.map((name) => `${counts[name].toLocaleString("en")} ${name}`).join(", ")}`;
+    this.counts.textContent = `pixels: ${shown.map((name) => `${counts[name].toLocaleString("en")} ${name}`).join(", ")}${folds ? "; the deformation folds elements" : ""}`;
     this.counts.title = remarks.join("\n");
   }
 
