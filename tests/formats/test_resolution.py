@@ -13,6 +13,7 @@ from elvis.core.polynomials.interpolation import modified
 from elvis.core.portions import along_curve, portions
 from elvis.core.portions.borrowing import borrowing
 from elvis.core.quantities import Expression
+from elvis.core.quantities.attributes import Attributes
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.needed import needed_fields
 from elvis.core.resolution.decay_rates import decay_rates, grows_at_top
@@ -210,6 +211,21 @@ def test_bad_fields_are_named():
     assert np.isnan(found.decay).tolist() == [False, True, False, False]
     with pytest.raises(ElvisError, match="expected elements of the domain under v, found none"):
         element_resolution(Dataset(bare.mesh, (Field("v", ()),)), "v")
+
+
+def test_single_elements_and_low_orders_give_one_sentence():
+    bare = Dataset(grid(Shape.QUADRILATERAL, 1))
+    dataset = Dataset(bare.mesh, (approximated(bare, "u", lambda p: p[:, 0] ** 2, 2),))
+    (facts,) = resolution_facts(dataset, ["u"])["fields"]
+    assert facts["decay"]["median"] is None
+    assert "orders below 2 have no decay rate" in facts["advice"]
+    assert facts["gradient_error"]["reason"] == "a single element has no neighbours to recover it from"
+    for name, sentence in (
+        ("decay(u)", "expected a field of order 2 or more, found order 1"),
+        ("recovered_error(u)", "expected elements with neighbours, found a single element"),
+    ):
+        with pytest.raises(ElvisError, match=sentence):
+            Attributes(dataset).constant(name, Shape.QUADRILATERAL, np.zeros(1, np.int64))
 
 
 def test_decay_and_tail_are_quantities():

@@ -32,6 +32,7 @@ import numpy as np
 from elvis.core.arrays import Floats, Ints, frozen_floats
 from elvis.core.dataset import Block, Dataset
 from elvis.core.distances import Near, Surface, gradients, nearest, surface_of, vectors_away
+from elvis.core.errors import ElvisError
 from elvis.core.geometry import GeometryBlock, geometry
 from elvis.core.mapping import pointwise, tangents
 from elvis.core.patch import Patch
@@ -169,10 +170,16 @@ class Attributes:
             from elvis.core.resolution.gradient_errors import gradient_errors
 
             return gradient_errors(self._dataset, field)
+        from elvis.core.resolution.decay_rates import LOWEST_ORDER
         from elvis.core.resolution.element_resolution import element_resolution
 
         measures = element_resolution(self._dataset, field)
-        return measures.element_ids, measures.decay if function == "decay" else measures.tail
+        if function == "tail":
+            return measures.element_ids, measures.tail
+        highest = int(measures.orders.max())
+        if highest < LOWEST_ORDER:
+            raise ElvisError(f"decay({field}): expected a field of order {LOWEST_ORDER} or more, found order {highest}")
+        return measures.element_ids, measures.decay
 
     def _composites(self) -> tuple[Ints, Floats]:
         return composites(self._dataset)

@@ -15,6 +15,7 @@ import numpy as np
 
 from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Dataset
+from elvis.core.errors import ElvisError
 from elvis.core.mapping import tangents
 from elvis.core.mapping.orientation import chunks
 from elvis.core.norms import stretch_factors
@@ -31,8 +32,11 @@ _BATCH = 1 << 20
 def gradient_errors(dataset: Dataset, name: str) -> tuple[Ints, Floats]:
     """Ids (n,) of the elements that have a field, and the estimated L2 norms (n,) of the error of its gradient.
 
-    NaN for elements with coefficients that are not finite.  Raises ElvisError for fields that cannot be recovered.
+    NaN for elements with coefficients that are not finite.  Raises ElvisError for fields that cannot be recovered, and
+    for a single element, of which neighbours say nothing.
     """
+    if sum(map(len, dataset.field(name).blocks)) == 1:
+        raise ElvisError(f"recovered_error({name}): expected elements with neighbours, found a single element")
     names = [derived_name(RECOVERED, name, (axis,)) for axis in range(dataset.mesh.dimension)]
     ids, errors = [np.empty(0, np.int64)], [np.empty(0)]
     for patch in patches(dataset, [name, *names]):
