@@ -6,12 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import ImageFont
 
-from elvis import Camera, Contours, CutSurface, Faces, Plane, Scene, SceneError, Style
+from elvis import Camera, ColorBar, Contours, CutSurface, Faces, Plane, Scene, SceneError, Style
 from elvis.core.errors import FormatError
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
 from elvis.scene.palette import NOT_A_NUMBER, STEPS, Palette, automatic_range
-from elvis.scene.picture import AXES, labels, notes, picture, shortest, ticks
+from elvis.scene.picture import AXES, labels, notes, picture, sentences, shortest, ticks
 
 FINITE = st.floats(-1e12, 1e12)
 
@@ -312,3 +312,17 @@ def test_whole_numbers_have_whole_ticks():
     assert ticks(2, 5, 9, is_whole=True) == [2, 3, 4, 5]
     assert ticks(0, 900, 5, is_whole=True) == [0, 200, 400, 600, 800]
     assert ticks(2, 5, 9) == [2, 2.5, 3, 3.5, 4, 4.5, 5]
+
+
+@pytest.mark.parametrize(
+    ("settings", "notes"),
+    [
+        ({}, []),
+        ({"title": "slope, recovered(u)"}, []),
+        ({"title": "slope"}, ["recovered(u) is recovered, not the data"]),
+        ({"bar": ColorBar(title="slope")}, ["recovered(u) is recovered, not the data"]),
+    ],
+)
+def test_recovered_quantities_are_declared_under_any_title(draw, linear, settings, notes):
+    frame = draw(linear(grid(Shape.QUADRILATERAL, 2)), field="recovered(u)", size=(30, 30), **settings)
+    assert sentences(frame, contours=False) == notes

@@ -17,8 +17,10 @@ from elvis.core.arrays import Floats, Ints
 from elvis.core.distances.triangle_files import renamed
 from elvis.core.files.output import Outputs
 from elvis.core.moments import Instant
+from elvis.core.quantities.derived import RECOVERED
 from elvis.scene import ColorBar, Scene, Vector
 from elvis.scene.palette import NOT_A_NUMBER, Palette, automatic_range, is_constant
+from elvis.scene.quantities import quantities
 from elvis.scene.strokes import Stroke
 from elvis.scene.view import PlaneView, View
 
@@ -136,6 +138,17 @@ class Frame:
             mapped = [legend for legend in self.legends if legend.palette and legend.constant is None]
             title = mapped[0].title if len(mapped) == 1 else ""
         return ", ".join(filter(None, (title, str(self.instant or ""))))
+
+    @property
+    def undeclared(self) -> list[str]:
+        """Recovered quantities that neither the title of the picture nor that of a bar names."""
+        mapped = [legend for legend in self.legends if legend.palette and legend.constant is None]
+        titles = [self.scene.title or ""]
+        if len(mapped) > 1 or self.scene.title is None:
+            # the name of a single colour map is the title of the picture, unless its bar has one
+            titles += [own.title for own in mapped if own.bar is None or own.bar.title is None]
+        found = [text for text in quantities(self.scene) if RECOVERED in text]
+        return [text for text in found if not any(text in title for title in titles)]
 
     def at(self, instant: Instant) -> Frame:
         """The frame as a picture of a time in a series, which its statistics record."""

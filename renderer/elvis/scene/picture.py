@@ -258,11 +258,12 @@ def sentences(frame: Frame, *, contours: bool) -> list[str]:
 
 
 def _notes(frame: Frame, *, contours: bool) -> list[list[str]]:
-    """All notes, word by word: first what streaks are, then constants, then contours."""
+    """All notes, word by word: first what streaks and recovered fields are, then constants, then contours."""
     found = [
         f"streaks along {', '.join(own)}: line integral convolution, a texture of the picture".split()
         for own in velocities(frame.scene)
     ]
+    found += [[text, "is", "recovered,", "not", "the", "data"] for text in frame.undeclared]
     for legend in frame.legends:
         if legend.constant is not None:
             found.append([f"{legend.title}", f"= {shortest(legend.constant)}", "wherever", "it", "is", "seen"])
