@@ -9,6 +9,7 @@ import numpy as np
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Dataset, Expansion
 from elvis.core.errors import ElvisError
+from elvis.core.geometry import kept
 from elvis.core.mapping.orientation import chunks, local_vertices
 from elvis.core.norms import stretch_factors
 from elvis.core.patch import Patch, patches
@@ -90,7 +91,7 @@ def element_resolution(dataset: Dataset, name: str) -> ElementResolution:
         raise ElvisError(f"expected elements of the domain under {name}, found none")
     if any(patch.homogeneous for patch in held):
         raise ElvisError(f"{name}: expected a field without Fourier directions, to measure its resolution")
-    spectra = [_Spectra.of(patch) for patch in held]
+    spectra = [_Spectra.of(dataset, patch) for patch in held]
     largest = max(float(np.nanmax(own.root_mean_squares, initial=0.0)) for own in spectra)
     precision = SINGLE if all(map(is_single, held)) else DOUBLE
     squares = _squared_errors(spectra, _around(dataset, spectra), precision * largest)
@@ -182,15 +183,18 @@ class _Spectra:
     measure: Floats
 
     @staticmethod
-    def of(patch: Patch) -> _Spectra:
+    def of(dataset: Dataset, patch: Patch) -> _Spectra:
         """The energies and norms, batch by batch."""
         expansion, coefficients = _of(patch)
         basis = modal_basis(expansion)
-        points, _ = exact_rule(expansion)
+        points, weights = exact_rule(expansion)
+        # fields in one expansion share the maps
+        key = ("resolution", patch.geometry, expansion, patch.element_ids.tobytes())
+        measures = kept(dataset, key, lambda: _measures(patch, points, weights))
         energies, norms = [], []
         for batch in chunks(len(patch), max(1, _BATCH // max(len(points), coefficients.shape[1]))):
             energies.append(_energies(basis, coefficients[batch]))
-            norms.append(_norms(patch, batch))
+            norms.append(_norms(patch, batch, measures[batch]))
         total, top, *levels = (np.concatenate(own) for own in zip(*energies, strict=True))
         removed, norm, measure = (np.concatenate(own) for own in zip(*norms, strict=True))
         return _Spectra(patch, basis, total, top, tuple(levels), removed, norm, measure)
@@ -272,14 +276,21 @@ def _energies(basis: ModalBasis, coefficients: Floats) -> tuple[Floats, ...]:
     return flat.sum(axis=1), flat @ basis.is_top(), *levels
 
 
-def _norms(patch: Patch, batch: slice) -> tuple[Floats, Floats, Floats]:
+def _measures(patch: Patch, points: Floats, weights: Floats) -> Floats:
+    """(n, q) weights of points (q, d) in space."""
+    found = np.empty((len(patch), len(points)))
+    for batch in chunks(len(patch), max(1, _BATCH // len(points))):
+        jacobians = evaluate_with_gradients(patch.geometry, patch.geometry_coefficients[batch], points)[1]
+        found[batch] = weights * stretch_factors(jacobians)
+    return found
+
+
+def _norms(patch: Patch, batch: slice, measure: Floats) -> tuple[Floats, Floats, Floats]:
     """L2 norms (n,) of what a projection to one order less removes and of the field, and the measures (n,)."""
     expansion, coefficients = _of(patch)
-    points, weights = exact_rule(expansion)
+    points, _ = exact_rule(expansion)
     own, less = coefficients[batch], patch.coefficients[1]
     assert less is not None
-    jacobians = evaluate_with_gradients(patch.geometry, patch.geometry_coefficients[batch], points)[1]
-    measure = weights * stretch_factors(jacobians)
     found = [evaluate(expansion, part, points) for part in (own - less[batch], own)]
     removed, norm = (np.sqrt((values**2 * measure).sum(axis=1)) for values in found)
     return removed, norm, measure.sum(axis=1)
