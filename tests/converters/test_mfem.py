@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from elvis import read, sample
-from elvis.converters.mfem import Mfem
+from elvis.converters.mfem import Mfem, _numbered
 from elvis.core.errors import FormatError
 from elvis.core.integrals import integrate
 from elvis.plugins.converting import Settings, convert
@@ -531,3 +531,15 @@ def test_functions_at_quadrature_points(tmp_path, kind, order):
     (tmp_path / "m.q.qf").write_text((tmp_path / "m.q.qf").read_text().rsplit(maxsplit=1)[0])
     with pytest.raises(FormatError, match=r"m\.q\.qf: values: expected \d+ numbers, found"):
         Mfem(paths)
+
+
+def test_vertices_of_several_parts_are_numbered_together():
+    places = [
+        np.array([[0.0, 0.0], [1.0, 0.0]]),
+        np.array([[1.0, 0.0], [2.0, 0.0]]),
+        np.array([[5.0, 0.0], [0.0, 0.0]]),
+    ]
+    one, two, three = _numbered(places)
+    assert one[1] == two[0]
+    assert one[0] == three[1]
+    assert len({*one, *two, *three}) == 4

@@ -76,6 +76,7 @@ def test_a_page_reads_only_files_next_to_the_data(tmp_path):
 
     inside = tmp_path / "data" / "body.stl"
     assert scene_of_page(table(inside), own).objects
+    assert scene_of_page(table(inside), replace(own, data=(*own.data, str(tmp_path / "mesh" / "mine.fld")))).objects
     (tmp_path / "data").mkdir()
     (tmp_path / "secret.stl").touch()
     (tmp_path / "data" / "link.stl").symlink_to(tmp_path / "secret.stl")
