@@ -1,7 +1,9 @@
 """Errors of integrals are bounds: never less than the truth, for kinks, bumps, near poles and small supports too."""
 
 from dataclasses import replace
-from math import asinh, atan, erf, pi, sqrt
+from fractions import Fraction
+from itertools import product
+from math import asinh, atan, erf, pi, prod, sqrt
 
 import numpy as np
 import pytest
@@ -263,3 +265,23 @@ def test_slack_is_part_of_the_error(monkeypatch):
     monkeypatch.setattr("elvis.core.integrals.refinement._MOST", 1 << 14)
     (row,) = integrate(dataset, "sqrt(u*u + v*v)", error=1e-15)
     assert row.error > 1e-13
+
+
+@pytest.mark.parametrize("shape", BODIES)
+def test_rounding_of_exact_rules_counts_values_away_from_the_middle(shape):
+    """High powers are small in the middle of an element, where their sizes are taken."""
+    dataset = Dataset(grid(shape, 1))
+    names = "xyz"[: shape.dimension]
+    for powers in product((1, 5, 8), repeat=shape.dimension):
+        text = "*".join(f"{name}^{power}" for name, power in zip(names, powers, strict=True))
+        truth = 1 / prod(Fraction(power + 1) for power in powers)
+        (row,) = integrate(dataset, text)
+        assert row.kind == "exact"
+        assert abs(Fraction(float(row.value)) - truth) <= row.error < 1e-14
+
+
+def test_levels_of_degrees_above_twenty_are_integrated():
+    """Factorials above 20! exceed 64 bits."""
+    mesh = grid(Shape.QUADRILATERAL, 1)
+    (row,) = integrate(with_field(mesh, lambda points: points[:, 0], 8), "length", "u^3+(u-x)^2=0.2", error=1e-2)
+    assert abs(row.value - 1) <= row.error

@@ -30,6 +30,9 @@ _BOUNDS_ON_LEVELS = 64
 _NEW_LEVEL_BOX = 512
 #: further points that take as long as one call of a rule, on elements and on boxes that a surface cuts
 CALL, CALL_ON_LEVELS = 4096, 1500
+#: rounding of values away from the middles of elements, relative to the integral of the absolute value: x^n has that of
+#: n factors
+_ROUNDING = 32 * float(np.finfo(np.float64).eps)
 #: the largest score of a box; sums of such scores stay finite
 _HOPELESS = 1e200
 
@@ -183,7 +186,8 @@ class Group:
     @property
     def _rounding(self) -> Floats:
         """(n, k) by which rounding moves integrals."""
-        return np.asarray(self.integrals.measure * self.boxes.rounding + self.moved)
+        found = self.integrals
+        return np.asarray(found.measure * self.boxes.rounding + _ROUNDING * found.magnitude + self.moved)
 
     def scores(self, goals: Floats) -> Floats:
         """(n,) errors of boxes relative to the permitted total, the maximum over the expressions.

@@ -29,7 +29,7 @@ def taylor(nets: Floats, places: Floats, sizes: Floats) -> Floats:
         degree = found.shape[1] - 1
         tables = line_tables(degree, places[:, axis], degree)
         orders = np.arange(degree + 1)
-        scale = sizes[:, axis] ** orders[:, None] / [[factorial(order)] for order in orders]
+        scale = sizes[:, axis] ** orders[:, None] / np.array([[float(factorial(order))] for order in orders])
         matrices = (tables * scale[:, :, None]).transpose(1, 0, 2)
         rest = found.shape[2:]
         found = matrices @ found.reshape(len(found), degree + 1, int(np.prod(rest)))
@@ -88,11 +88,21 @@ def multiplied(coefficients: Floats, slopes: Floats) -> Floats:
 
 
 def majorants(coefficients: Floats, first: Floats, second: Floats) -> Floats:
-    """(n, columns, C) sums |c_abc| r^a s^b for each c, with radii r and s (n, columns) of the first two coordinates."""
+    """(n, columns, C) sums |c_abc| r^a s^b for each c, with radii r and s (n, columns) of the first two coordinates.
+
+    Sums grow with the radii.  Columns whose r is at most that of column 0 have the sums over a of column 0: these are
+    the columns of ellipses in other directions, where r is the same, and those in which nothing is proved.
+    """
     n, a, b, c = coefficients.shape
-    sizes = np.abs(coefficients)
-    found = _powers(first, a) @ sizes.reshape(n, a, b * c)
-    return np.asarray(np.einsum("nqb,nqbc->nqc", _powers(second, b), found.reshape(n, first.shape[1], b, c)))
+    sizes = np.abs(coefficients).reshape(n, a, b * c)
+    is_own = (first > first[:, :1]).any(axis=0)
+    is_own[:1] = False
+    common = (_powers(first[:, :1], a) @ sizes).reshape(n, b, c)
+    own = (_powers(first[:, is_own], a) @ sizes).reshape(n, int(is_own.sum()), b, c)
+    found = np.empty((*first.shape, c))
+    found[:, ~is_own] = _powers(second[:, ~is_own], b) @ common
+    found[:, is_own] = np.einsum("nqb,nqbc->nqc", _powers(second[:, is_own], b), own)
+    return found
 
 
 def on_discs(coefficients: Floats, radii: tuple[Floats, Floats, Floats]) -> Disc:
