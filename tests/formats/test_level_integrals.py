@@ -192,7 +192,7 @@ def test_functions_that_vanish_on_elements_have_no_surface_there():
         ("sphere:0,0,0:-1", "expected sphere:CENTRE:RADIUS"),
         ("x=half", "x=half: expected a number after =, found 'half'"),
         ("q=1", "there is no 'q'"),
-        ("sin(x)*y=1", "sin(x)*y=1: expected a polynomial of fields and coordinates"),
+        ("sin(x)*y=1", "sin(x)*y=1: expected a polynomial of fields, their first derivatives and coordinates"),
     ],
 )
 def test_invalid_surfaces_are_rejected(over, sentence):

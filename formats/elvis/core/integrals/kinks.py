@@ -16,9 +16,9 @@ from elvis.core.integrals.degrees import DegreeRules
 from elvis.core.integrals.level_boxes import LevelBoxes
 from elvis.core.integrals.levels_of_elements import ZeroSet, boxes_in_cells
 from elvis.core.integrals.reference_cells import Piece
+from elvis.core.quantities.cleared import cleared_on
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
-from elvis.core.quantities.expression_nets import degree_on
 from elvis.core.quantities.regions import EVERYWHERE, NOWHERE, Region, side
 from elvis.core.quantities.tree import ONE, ZERO, Node, call, fold, negative, number, ordered
 from elvis.core.ranks import ALONE
@@ -117,8 +117,8 @@ class Cut:
         piece = rules.piece
         if piece.is_side or piece.is_signed or piece.shape.dimension < 2 or piece.patch.homogeneous is not None:
             return False
-        degrees = (degree_on(zero.expression, evaluator, piece.patch, rules.is_affine) for zero in self.zeros)
-        return all(degree is not None for degree in degrees)
+        found = [cleared_on(zero.expression, evaluator, piece.patch, rules.is_affine) for zero in self.zeros]
+        return all(own is not None and own.is_known(rules.is_valid) for own in found)
 
     def parts(
         self, piece: Piece, evaluator: Evaluator, sizes: Floats, parts: Floats

@@ -16,14 +16,15 @@ from elvis.core.integrals.level_boxes import FIRST, LevelBoxes, joined
 from elvis.core.integrals.quadrics import quadric
 from elvis.core.integrals.reference_cells import Piece
 from elvis.core.integrals.separation import CellBoxes, separated
-from elvis.core.integrals.subcells import corners, subcell_map
+from elvis.core.integrals.subcells import corners, subcell_map, without_apex
 from elvis.core.integrals.touching import touched
 from elvis.core.patch import Patch
 from elvis.core.polynomials.collapse import uncollapse
+from elvis.core.quantities.cleared import MOST_CLEARED, Cleared, cleared_on
 from elvis.core.quantities.element_points import ElementPoints, Lattice
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
-from elvis.core.quantities.expression_nets import NetsOf, degree_on, lattice_of, places_of
+from elvis.core.quantities.expression_nets import NetsOf, lattice_of, places_of
 from elvis.core.quantities.regions import Region, defined_side, of_polynomial, side
 from elvis.core.quantities.tree import Node, call, fold, jump_name, negative, number
 from elvis.core.ranks import Ranks
@@ -132,16 +133,23 @@ class Level:
         return replace(self, zeros=tuple(zero.known(evaluator, ranks, sides) for zero in self.zeros))
 
     def boxes(
-        self, piece: Piece, evaluator: Evaluator, sizes: Floats, parts: Floats, is_filled: bool = False
+        self,
+        piece: Piece,
+        evaluator: Evaluator,
+        sizes: Floats,
+        parts: Floats,
+        is_filled: bool = False,
+        is_valid: bool = True,
     ) -> tuple[list[LevelBoxes], Ints]:
         """The surface in some elements, or the part below it; and the elements (m,) that are entirely below it.
 
         sizes      (n, e) of e expressions on them
         parts      (n,) rounding relative to the sizes
         is_filled  whether the part below is requested
+        is_valid   whether det J keeps its sign on the elements
         Raises ElvisError if the surface is not a level of polynomials.
         """
-        seen = {zero.expression.root: zero.seen(piece, evaluator) for zero in self.zeros}
+        seen = {zero.expression.root: zero.seen(piece, evaluator, is_valid) for zero in self.zeros}
         signs = {node: own.signs for node, own in seen.items()}
         state = np.broadcast_to(self.region.holds(signs), len(piece))
         met = np.flatnonzero(state == 0)
@@ -274,7 +282,8 @@ class ZeroSet:
 
     def _turned(self, evaluator: Evaluator, sides: Sides) -> tuple[Turned, ...]:
         """See `coincident`."""
-        degrees = [degree_on(self.expression, evaluator, patch, patch.is_linear) for patch in evaluator.patches]
+        cleared = [cleared_on(self.expression, evaluator, patch, patch.is_linear) for patch in evaluator.patches]
+        degrees = [None if own is None else own.degree for own in cleared]
 
         def values(patch: Patch, rows: Ints, points: Floats) -> Floats:
             (found,) = evaluator.values_at([self.expression], Lattice(patch, rows, points))
@@ -300,13 +309,16 @@ class ZeroSet:
             sizes.append(float(np.fmax.reduce(np.ravel(size), initial=0.0)))
         return max(sizes)
 
-    def seen(self, piece: Piece, evaluator: Evaluator) -> Seen:
-        """The polynomial on elements of a piece; raises ElvisError if it is not a polynomial."""
-        patch, degree = piece.patch, self._degree(piece, evaluator)
+    def seen(self, piece: Piece, evaluator: Evaluator, is_valid: bool = True) -> Seen:
+        """The polynomial on elements of a piece; raises ElvisError if it is not a polynomial.
+
+        is_valid  whether det J keeps its sign on the elements
+        """
+        patch, (degree, power) = piece.patch, self._cleared(piece, evaluator, is_valid)
         t = places_of(degree)
         lattice = lattice_of(t, patch.shape.dimension)
         whole = uncollapse(patch.shape, 2 * lattice - 1)
-        nets = NetsOf(self.expression, evaluator, patch, t).on(piece.rows, whole)
+        nets = NetsOf(self.expression, evaluator, patch, t, power=power).on(piece.rows, whole)
         axes = tuple(range(1, nets.ndim))
         least, most = nets.min(axis=axes), nets.max(axis=axes)
 
@@ -321,7 +333,7 @@ class ZeroSet:
         signs[near[is_nothing]] = 1
         every = _Doubt(np.zeros(len(piece)), np.zeros(len(piece)))
         every.size[near], every.jump[near] = doubt.size, doubt.jump
-        return Seen(self, piece, evaluator, degree, signs, every, *self._turned_in(piece, evaluator))
+        return Seen(self, piece, evaluator, degree, power, signs, every, *self._turned_in(piece, evaluator))
 
     def _turned_in(self, piece: Piece, evaluator: Evaluator) -> tuple[Bools, Floats]:
         """(n,) elements of a piece in which the level is moved down, (n,) areas of sides that are in doubt."""
@@ -330,38 +342,21 @@ class ZeroSet:
                 return own.is_turned[piece.rows], own.doubt[piece.rows]
         return np.zeros(len(piece), bool), np.zeros(len(piece))
 
-    def _degree(self, piece: Piece, evaluator: Evaluator) -> int:
-        """Degree of the expression in each direction."""
+    def _cleared(self, piece: Piece, evaluator: Evaluator, is_valid: bool) -> Cleared:
+        """Degree of the expression in each direction, and the power of det J that it is multiplied by."""
         patch = piece.patch
         if patch.homogeneous is not None or patch.shape.dimension < 2:
             raise ElvisError(f"{self.name}: expected 2D or 3D data without Fourier directions, to cut them")
-        degree = degree_on(self.expression, evaluator, patch, bool(piece.is_affine.all()))
-        if degree is None:
-            raise ElvisError(f"{self.name}: expected a polynomial of fields and coordinates")
-        return max(degree, 1)
-
-
-def without_apex(nets: Floats, nothing: Floats | float) -> Floats:
-    """The nets (n, D, D, D) of g in pyramids' collapsed cubes, of g / (1 - c) instead where g is 0 at the apex.
-
-    There g vanishes on the whole face c = 1 that is the apex, next to which no halving shows a graph.  The quotient h
-    has its sign and its other zeros: with g of degree m in c, h_k = g_k m / (m - k), whose degree is raised to m.
-
-    nothing  (n,) below which values are 0
-    """
-    degree = nets.shape[3] - 1
-    result, k = nets.copy(), np.arange(degree + 1)
-    for _ in range(degree):
-        size = np.abs(result).max(axis=(1, 2, 3))
-        at_apex = np.abs(result[..., -1]).max(axis=(1, 2))
-        here = np.flatnonzero((at_apex <= nothing) & (size > nothing))
-        if not len(here):
-            break
-        quotient = result[here][..., :-1] * degree / (degree - k[:-1])
-        below = np.concatenate([quotient[..., :1], quotient], axis=3)
-        above = np.concatenate([quotient, quotient[..., -1:]], axis=3)
-        result[here] = below * k / degree + above * (1 - k / degree)
-    return result
+        found = cleared_on(self.expression, evaluator, patch, bool(piece.is_affine.all()))
+        if found is None:
+            raise ElvisError(f"{self.name}: expected a polynomial of fields, their first derivatives and coordinates")
+        if found.power and found.degree > MOST_CLEARED:
+            degree = f"expected a degree of at most {MOST_CLEARED} on curved elements, found {found.degree}"
+            raise ElvisError(f"{self.name}: {degree}")
+        if found.power and not is_valid:
+            element = patch.element_ids[piece.rows[0]]
+            raise ElvisError(f"{self.name}: expected elements with derivatives, found folds as in element {element}")
+        return Cleared(max(found.degree, 1), found.power)
 
 
 @dataclass(frozen=True, eq=False)
@@ -400,6 +395,7 @@ class Seen:
     """A polynomial on elements of a piece.
 
     degree  of the polynomial in each direction
+    power   of det J in it
     signs   (n,) its sign if constant, else 0
     is_turned, sides  (n,) whether the level is moved down, and areas of sides on which the surface is in doubt
     """
@@ -408,6 +404,7 @@ class Seen:
     piece: Piece
     evaluator: Evaluator
     degree: int
+    power: int
     signs: Ints
     doubt: _Doubt
     is_turned: Bools
@@ -433,7 +430,7 @@ class Seen:
     def _moved(self) -> NetsOf:
         patch = self.piece.patch
         moves = self.doubt.moves(self.piece.rows, self.is_turned, len(patch))
-        return NetsOf(self.zero.expression, self.evaluator, patch, places_of(self.degree), moves)
+        return NetsOf(self.zero.expression, self.evaluator, patch, places_of(self.degree), moves, self.power)
 
     def nets(self, cell: int) -> Floats:
         """(n, D, D, D) of the moved polynomial on a cell of the elements."""

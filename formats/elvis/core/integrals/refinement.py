@@ -212,7 +212,8 @@ class Summation:
         And the elements of the piece that are below.
         """
         sizes, parts = self._sizes(whole.piece, numbers)
-        every, below = whole.level.boxes(whole.piece, self._evaluator, sizes, parts, whole.is_filled)
+        own = whole.piece, self._evaluator, sizes, parts, whole.is_filled, rules.is_valid
+        every, below = whole.level.boxes(*own)
         found: list[Group] = []
         for boxes in every:
             found += self._on_boxes(boxes, rules, numbers)

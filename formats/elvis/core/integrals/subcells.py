@@ -92,3 +92,26 @@ def _unfolding(eta: Floats) -> Floats:
     found[:, 0, 2], found[:, 1, 2] = -(1 + eta[:, 0]) / 2, -(1 + eta[:, 1]) / 2
     found[:, 2, 2] = 1.0
     return found
+
+
+def without_apex(nets: Floats, nothing: Floats | float) -> Floats:
+    """The nets (n, D, D, D) of g in pyramids' collapsed cubes, of g / (1 - c) instead where g is 0 at the apex.
+
+    There g vanishes on the whole face c = 1 that is the apex, next to which no halving shows a graph.  The quotient h
+    has its sign and its other zeros: with g of degree m in c, h_k = g_k m / (m - k), whose degree is raised to m.
+
+    nothing  (n,) below which values are 0
+    """
+    degree = nets.shape[3] - 1
+    result, k = nets.copy(), np.arange(degree + 1)
+    for _ in range(degree):
+        size = np.abs(result).max(axis=(1, 2, 3))
+        at_apex = np.abs(result[..., -1]).max(axis=(1, 2))
+        here = np.flatnonzero((at_apex <= nothing) & (size > nothing))
+        if not len(here):
+            break
+        quotient = result[here][..., :-1] * degree / (degree - k[:-1])
+        below = np.concatenate([quotient[..., :1], quotient], axis=3)
+        above = np.concatenate([quotient, quotient[..., -1:]], axis=3)
+        result[here] = below * k / degree + above * (1 - k / degree)
+    return result

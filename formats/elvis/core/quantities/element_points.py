@@ -161,4 +161,4 @@ class Lattice(ElementPoints):
         expansion, coefficients = self._own(field)
         points = self._lattice[:, : dimension(expansion)]
         own = evaluate_with_gradients(expansion, coefficients[self._elements], points)[1]
-        return own.reshape(len(self), -1)
+        return own.reshape(len(self), points.shape[1])

@@ -58,6 +58,7 @@ class NetsOf:
     """Nets of an expression on parts of a patch's elements, moved by ``away`` (elements,).
 
     places  (n,) in [0, 1], at whose lattice it is evaluated
+    power   of |det J|, relative to its maximum at the lattice, by which it is multiplied (see `cleared_on`)
     """
 
     expression: Expression
@@ -65,6 +66,7 @@ class NetsOf:
     patch: Patch
     places: Floats
     away: Floats | None = None
+    power: int = 0
 
     def on(self, rows: Ints, reference: Floats) -> Floats:
         """(m, n, …, n) nets on parts of elements (m,) from reference points (n^k, d) at the lattice of places."""
@@ -77,8 +79,18 @@ class NetsOf:
             found = np.broadcast_to(values, len(lattice))
             if self.away is not None:
                 found = found + np.repeat(self.away[rows[part]], len(reference))
+            if self.power:
+                found = found * _relative_volumes(lattice, len(reference)) ** self.power
             parts.append(nets_through(found, self.places, k))
         return np.concatenate(parts)
+
+
+def _relative_volumes(lattice: Lattice, count: int) -> Floats:
+    """(e count,) |det J| at the points of elements (e,), relative to the maximum in each."""
+    d = lattice.patch.shape.dimension
+    sizes = np.abs(np.linalg.det(lattice.jacobians[:, :d, :d])).reshape(-1, count)
+    largest = sizes.max(axis=1, keepdims=True)
+    return np.asarray(sizes / np.where(largest > 0, largest, 1.0)).reshape(-1)
 
 
 @dataclass(frozen=True, eq=False)
