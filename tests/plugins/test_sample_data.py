@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from elvis import read
+from elvis import integrate, read
 from elvis.core.errors import ElvisError
+from elvis.core.wall_curves import wall_curves
+from elvis.plugins.further_samples import CIRCULATION, cylinder
 from elvis.plugins.sample import NAMES, sample, write_sample
 from elvis.plugins.sample_data import ANGLE, SPAN, SQUARE, SWEEP, TIP, wing
 
@@ -44,6 +46,19 @@ def test_the_flow_is_that_of_bernoulli_and_of_the_free_stream(dataset):
 def test_boundaries_have_names(dataset):
     assert dataset.boundaries == ("wing", "far", "symmetry")
     assert dataset.order == 4
+
+
+def test_the_ring_around_the_cylinder_is_closed():
+    """Its boundaries are two circles, also where names of boundaries begin forms of surfaces, such as cylinder."""
+    data = cylinder()
+    assert data.boundaries == ("cylinder", "far")
+    lengths = [integrate(data, "length", over=name).value for name in data.boundaries]
+    assert lengths == pytest.approx([2 * np.pi, 10 * np.pi], rel=1e-4)
+    ((curve,), _) = wall_curves(data, "boundary:cylinder")
+    assert curve.is_closed
+    # the wall bears the force of the pressure per span, -rho U circulation (Kutta and Joukowski)
+    lift = integrate(data, "0.5*Cp*ny", over="cylinder").value
+    assert abs(lift) == pytest.approx(CIRCULATION, rel=1e-3)
 
 
 def test_files_are_written_once(tmp_path):

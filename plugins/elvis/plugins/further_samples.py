@@ -17,7 +17,8 @@ import numpy as np
 
 from elvis.core.arrays import Floats
 from elvis.core.dataset import Dataset
-from elvis.core.mesh import Mesh
+from elvis.core.mapping.connectivity import connected
+from elvis.core.mesh import Composite, Mesh
 from elvis.core.shapes import Shape
 from elvis.core.testing.bending import curved
 from elvis.core.testing.fields import approximated
@@ -25,13 +26,36 @@ from elvis.core.testing.meshes import grid, mixed_volume
 
 Function = Callable[[Floats], Floats]
 CIRCULATION = 2.5
+#: sides of the polygons, and layers of elements, of the ring
+AROUND = 12
 
 
-def annulus(points: Floats) -> Floats:
-    """Unit square to the ring between the radii 1 and 5, finer towards the cylinder."""
-    radius = 5.0 ** points[..., 1]
-    angle = -2 * np.pi * points[..., 0]
-    return np.stack([radius * np.cos(angle), radius * np.sin(angle), 0 * radius], axis=-1)
+def annulus() -> Mesh:
+    """The ring between the circles of radius 1 and 5, finer towards the cylinder, in triangles of a quadratic map."""
+    ring, layer = np.meshgrid(np.arange(AROUND), np.arange(AROUND + 1), indexing="ij")
+    radius, angle = 5.0 ** (layer / AROUND), 2 * np.pi * ring / AROUND
+    vertices = np.stack([radius * np.cos(angle), radius * np.sin(angle), 0 * radius], axis=-1).reshape(-1, 3)
+
+    # two triangles on each side of a polygon in each layer
+    rows = np.arange(len(vertices)).reshape(AROUND, AROUND + 1)
+    after = np.roll(rows, -1, axis=0)
+    a, b, c, d = (own.ravel() for own in (rows[:, :-1], after[:, :-1], after[:, 1:], rows[:, 1:]))
+    triangles = np.concatenate([np.stack([a, c, b], axis=1), np.stack([a, d, c], axis=1)])
+    straight = replace(connected(vertices, {Shape.TRIANGLE: triangles}), space=2)
+    mesh = curved(straight, rounded, 3)
+
+    edges = mesh.of(Shape.SEGMENT)
+    away = np.linalg.norm(vertices[edges.members], axis=2)
+    circles = {"cylinder": (away < 1 + 1e-9).all(axis=1), "far": (away > 5 - 1e-9).all(axis=1)}
+    own = [Composite(number, (("E", edges.ids[on]),), name) for number, (name, on) in enumerate(circles.items(), 1)]
+    return replace(mesh, composites=(mesh.composites[0], *own))
+
+
+def rounded(points: Floats) -> Floats:
+    """Polygons to circles: the middles of sides are nearer to the centre by the cosine of half their angle."""
+    step = 2 * np.pi / AROUND
+    off = np.mod(np.arctan2(points[..., 1], points[..., 0]), step) - step / 2
+    return points * (np.cos(off) / np.cos(step / 2))[..., None]
 
 
 def cylinder_flow(points: Floats) -> tuple[Floats, Floats]:
@@ -43,7 +67,7 @@ def cylinder_flow(points: Floats) -> tuple[Floats, Floats]:
 
 def cylinder() -> Dataset:
     """Fields u, v and pressure coefficient Cp around a cylinder."""
-    mesh = curved(grid(Shape.TRIANGLE, 12), annulus, 3)
+    mesh = annulus()
 
     def pressure(points: Floats) -> Floats:
         u, v = cylinder_flow(points)

@@ -43,7 +43,7 @@ def sample(name: str, folder: Path, overwrite: bool) -> None:
     \b
     wing      3D, an analytic flow u, v, w, p around a swept wing on 480 curved
               hexahedra of order 4; boundaries wing, far and symmetry
-    cylinder  2D, potential flow u, v, Cp past a cylinder, triangles of order 8
+    cylinder  2D, potential flow u, v, Cp past a cylinder, triangles of order 8; boundaries cylinder and far
     bend      3D, the speed of a flow through a curved duct, hexahedra of order 5
     blocks    3D, a wave over all volume shapes in one mesh, order 6
     wave      2D, a series of nine steps, wave_0.chk to wave_8.chk, order 7

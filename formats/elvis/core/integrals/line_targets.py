@@ -53,4 +53,5 @@ class LineTargets:
 
 def is_line(name: str) -> bool:
     """Whether a name denotes a curve."""
-    return name.partition(":")[0] in (*KINDS, SECTION)
+    kind, colon, _ = name.partition(":")
+    return bool(colon) and kind in (*KINDS, SECTION)

@@ -20,8 +20,9 @@ def quadric(name: str) -> Node | None:
     A plane gives the height above it, for any length of its normal; a sphere or cylinder gives the squared distance
     from the centre or axis, minus the squared radius.
     """
-    kind, _, rest = with_normals(name).partition(":")
-    if kind not in _KINDS:
+    kind, colon, rest = with_normals(name).partition(":")
+    # without a colon it may be the name of a boundary
+    if not colon or kind not in _KINDS:
         return None
     form, example, build = _KINDS[kind]
     try:
