@@ -45,6 +45,7 @@ def test_each_way_outdoes_the_next(folder):
     assert values("pressure_coefficient") == pytest.approx(1)
     assert values("mu", "--set", "mu=0.25") == 0.25
     assert values("pressure_coefficient", "--set", "p_ref=-1 u_ref=1") == pytest.approx(8)
+    assert values("pressure_coefficient", "--set", "p_ref=-1", "u_ref=1", "--all") == pytest.approx(8)
     # an expression's own parameters come first
     assert values("pressure_coefficient(u_ref=4)") == pytest.approx(0.25)
     assert read("a.xml", "a.fld", reference={"mu": 7.0}).reference == {"mu": 7, "u_ref": 2, "p_ref": 1}

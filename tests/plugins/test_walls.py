@@ -165,3 +165,25 @@ def test_gradients_near_an_edge_match_those_of_one_side(renderer):
     assert np.abs(found.value - 1).max() < 1e-14
     assert np.abs(found.gradient).max() < 1e-10
     assert NEAR < 1e-3
+
+
+def test_heat_flows_out_of_a_square_down_the_temperature():
+    """Of T = x + 2 y: -k through the side at x = 1, k through that at x = 0, with k = mu c_p / Pr or as given."""
+    bare = Dataset(grid(Shape.QUADRILATERAL, 2))
+    temperature = approximated(bare, "T", lambda p: p[:, 0] + 2 * p[:, 1], 2)
+    dataset = replace(bare, fields=(temperature,))
+    gas = "mu=0.5, R=2, gamma=1.5, Pr=0.75"
+    conductivity = 0.5 * 2 * 1.5 / 0.5 / 0.75
+    texts = ["heat_flux(conductivity=3)", f"heat_flux({gas})", "nx", "ny"]
+    _, found = on_sides(dataset, texts, lambda p: np.isin(p[:, :2], (0, 1)).any(axis=1))
+    along = found["nx"] + 2 * found["ny"]
+    assert np.abs(found[texts[0]] + 3 * along).max() < 1e-12
+    assert np.abs(found[texts[1]] + conductivity * along).max() < 1e-12
+
+
+def test_the_friction_velocity_of_a_shear_flow():
+    bare = Dataset(grid(Shape.QUADRILATERAL, 1))
+    functions = {"u": lambda p: p[:, 1], "v": lambda p: 0 * p[:, 0]}
+    dataset = replace(bare, fields=tuple(approximated(bare, name, own, 2) for name, own in functions.items()))
+    _, found = on_sides(dataset, ["u_tau(mu=0.5, density=2)"], lambda p: p[:, 1] == 0)
+    assert np.abs(found["u_tau(mu=0.5, density=2)"] - 0.5).max() < 1e-12

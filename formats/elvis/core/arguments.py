@@ -146,9 +146,9 @@ set_option = click.option(
     multiple=True,
     metavar="NAME=VALUE",
     callback=_reference,
-    help="Reference value of the flow for quantities, expressions and coefficients: mu, nu, density, gamma, R, "
-    "rho_ref, u_ref, p_ref, x_ref, y_ref, z_ref, length, area.  Repeatable.  [default: from NAME.elvis.toml next "
-    "to the data, else as written by the solver]",
+    help="Reference value of the flow for quantities, expressions and coefficients: mu, nu, density, gamma, R, Pr, "
+    "conductivity, rho_ref, u_ref, p_ref, x_ref, y_ref, z_ref, length, area.  Several may follow one another.  "
+    "[default: from NAME.elvis.toml next to the data, else as written by the solver]",
 )
 
 

@@ -147,6 +147,22 @@ def _print_version(context: click.Context, parameter: click.Parameter, value: bo
         context.exit()
 
 
+def _set_apart(words: list[str]) -> list[str]:
+    """Words with a ``--set`` before each of several reference values, as in ``--set mu=1 u_ref=2``."""
+    if "--set" not in words:
+        return words
+    from elvis.core.quantities.reference_values import REFERENCE
+
+    found: list[str] = []
+    for word in words:
+        name, equals, _ = word.partition("=")
+        follows = len(found) > 1 and found[-2] == "--set"
+        if follows and equals and name in REFERENCE:
+            found.append("--set")
+        found.append(word)
+    return found
+
+
 class PluginGroup(click.Group):
     """A group whose commands are the plugins of ``elvis.commands``, loaded when they are requested."""
 
@@ -175,6 +191,7 @@ class PluginGroup(click.Group):
         A command whose outputs name {stem} runs for one file of a pattern after another.
         """
         own_name, command, words = self._resolved(ctx, args)
+        words = _set_apart(words)
         if command is not None and any(STEM in word for word in words):
             return own_name, for_many_files(command), words
         return own_name, command, words

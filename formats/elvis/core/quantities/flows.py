@@ -255,8 +255,8 @@ class Flow:
         return found
 
     def _is_beyond(self, name: str) -> bool:
-        """Whether a name is the derivative of a velocity along an axis that fields don't depend on."""
-        return len(name) == 2 and name[0] in "uvw" and name[1] in AXES[self.dimension :]
+        """Whether a name is a derivative along an axis that fields don't depend on."""
+        return len(name) == 2 and name[0] in "uvwT" and name[1] in AXES[self.dimension :]
 
     def _entry(self, name: str) -> PredefinedQuantity | None:
         """The quantity of a name in flows of this dimension."""

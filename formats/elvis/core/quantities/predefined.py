@@ -49,6 +49,8 @@ PARAMETERS: Mapping[str, Parameter] = {
     "p_ref": Parameter("reference pressure", ("p_ref", "pinf", "p_inf")),
     "rho_ref": Parameter("reference density", ("rho_ref", "rhoinf", "rho_inf")),
     "u_ref": Parameter("reference speed", ("u_ref",)),
+    "Pr": Parameter("Prandtl number", ("pr", "prandtl", "prandtlnumber", "prandtl_number"), 0.72),
+    "conductivity": Parameter("thermal conductivity", ("conductivity", "thermalconductivity", "thermal_conductivity")),
     **{f"{axis}_ref": Parameter(f"{axis} of the reference point of moments", (), 0.0) for axis in "xyz"},
 }
 
@@ -59,7 +61,7 @@ STEPS: Mapping[str, tuple[str, ...]] = {
     "w": ("rhow/rho",),
     "p": ("(gamma - 1)*(E - 0.5*(rhou*rhou + rhov*rhov + rhow*rhow)/rho)",),
     "T": ("p/(rho*R)",),
-    **{f"{name}{axis}": (f"d({name},{axis})",) for name in "uvw" for axis in "xyz"},
+    **{f"{name}{axis}": (f"d({name},{axis})",) for name in "uvwT" for axis in "xyz"},
     "speed2": ("u*u + v*v + w*w",),
     "gradient2": ("ux*ux + uy*vx + uz*wx + vx*uy + vy*vy + vz*wy + wx*uz + wy*vz + wz*wz",),
     "third": ("divergence/3",),
@@ -70,6 +72,7 @@ STEPS: Mapping[str, tuple[str, ...]] = {
     "heating": ("1 + 0.5*(gamma - 1)*mach2",),
     "mass": ("rho", "density"),
     "viscosity": ("mu", "nu*mass"),
+    "conduction": ("conductivity", "viscosity*gamma*R/((gamma - 1)*Pr)"),
     "dynamic_pressure": ("0.5*reference_mass*u_ref^2",),
     "reference_mass": ("rho_ref", "density"),
     "traction_x": ("-2*viscosity*(strain_xx*nx + strain_xy*ny + strain_xz*nz)",),
@@ -231,6 +234,19 @@ QUANTITIES: tuple[PredefinedQuantity, ...] = (
         "skin_friction",
         "component of the wall shear divided by the dynamic pressure",
         "wall_shear_@/dynamic_pressure",
+        _SCHLICHTING,
+    ),
+    PredefinedQuantity(
+        "u_tau",
+        "friction velocity: root of the wall shear divided by the density",
+        ("sqrt(wall_shear/mass)",),
+        _SCHLICHTING,
+        _PLANE,
+    ),
+    PredefinedQuantity(
+        "heat_flux",
+        "heat flow out of the fluid through a face, per area, -k dT/dn; k = mu c_p/Pr unless the conductivity is known",
+        ("-conduction*(Tx*nx + Ty*ny + Tz*nz)",),
         _SCHLICHTING,
     ),
     PredefinedQuantity(
