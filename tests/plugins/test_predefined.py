@@ -8,10 +8,12 @@ import pytest
 import sympy
 
 from elvis import Dataset
+from elvis.core.mapping.projections import rule
+from elvis.core.mesh_quality import mesh_quality
 from elvis.core.quantities import Expression
-from elvis.core.quantities.evaluator import Evaluator
+from elvis.core.quantities.evaluator import Evaluator, Sampler
 from elvis.core.shapes import Shape
-from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, scattered
+from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, scattered
 from elvis.plugins.serving import volume_of
 
 X = sympy.symbols("x y z")
@@ -196,3 +198,24 @@ def test_a_device_matches_numpy(renderer, shape, text):
     found = drawing.sample_elements(number, rows, points - centre, text).value
     truth = Evaluator(flow(dimension), [expression]).at(expression, part.element_ids[rows], points)
     assert np.abs(found - truth).max() < 1e-11 * np.abs(truth).max()
+
+
+def test_the_cfl_number_is_the_time_step_over_that_of_the_mesh_quality():
+    """In closed form on squares of side 1/2 with u = 3, order 2: 0.2 p^2 dt u 2/h; else the largest in each element."""
+    bare = Dataset(grid(Shape.QUADRILATERAL, 2))
+    functions = {"u": lambda p: 3 + 0 * p[:, 0], "v": lambda p: p[:, 0]}
+    data = replace(bare, fields=tuple(approximated(bare, name, own, 3) for name, own in functions.items()))
+    found = Sampler(data, [Expression.of(data, "cfl(dt=0.5)")]).sample(np.array([[0.2, 0.7, 0.0], [0.9, 0.1, 0.0]]))
+    assert found.values[:, 0] == pytest.approx([0.2 * 4 * 0.5 * 3 * 4] * 2, rel=1e-12)
+
+    solid = Dataset(curved(mixed_volume(seed=3), ripple(0.05), 3))
+    rules = {"u": lambda p: p[:, 1], "v": lambda p: p[:, 0] - p[:, 2], "w": lambda p: 1 + 0 * p[:, 0]}
+    data = replace(solid, fields=tuple(approximated(solid, name, own, 3) for name, own in rules.items()))
+    measures = mesh_quality(data)
+    evaluator = Evaluator(data, [Expression.of(data, "cfl(dt=2)")])
+    for patch in evaluator.patches:
+        points = rule(patch.shape, max(patch.geometry.modes) + 2)[0]
+        rows = np.repeat(np.arange(len(patch)), len(points))
+        own = evaluator.values(evaluator.expressions[0], patch, rows, np.tile(points, (len(patch), 1)))
+        steps = measures.measures["time_step"][np.isin(measures.element_ids, patch.element_ids)]
+        assert own.reshape(len(patch), -1).max(axis=1) == pytest.approx(2 / steps, rel=1e-12)

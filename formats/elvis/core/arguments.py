@@ -147,7 +147,7 @@ set_option = click.option(
     metavar="NAME=VALUE",
     callback=_reference,
     help="Reference value of the flow for quantities, expressions and coefficients: mu, nu, density, gamma, R, Pr, "
-    "conductivity, rho_ref, u_ref, p_ref, x_ref, y_ref, z_ref, length, area.  Several may follow one another.  "
+    "conductivity, dt, rho_ref, u_ref, p_ref, x_ref, y_ref, z_ref, length, area.  Several may follow one another.  "
     "[default: from NAME.elvis.toml next to the data, else as written by the solver]",
 )
 

@@ -11,7 +11,7 @@ from elvis.core.arrays import Floats
 from elvis.core.errors import ElvisError
 from elvis.core.mapping.margins import facets
 from elvis.core.quantities.attributes import from_ideal, is_constant
-from elvis.core.quantities.element_sides import SIDES
+from elvis.core.quantities.element_sides import DUALS, SIDES
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.tree import (
     LEAVES,
@@ -402,6 +402,9 @@ class Formula:
         if name in SIDES:
             length = "sqrt(dot(inward, inward))"
             return f"1.0lf / {length}" if name == "face_height" else f"-inward.{name[1]} / {length}"
+        if name in DUALS:
+            ones = ", ".join("1.0lf" if name[2] == str(i) else "0.0lf" for i in (1, 2, 3))
+            return f"in_world(frame, double3({ones})).{name[-1]}"
         return "frame.determinant()" if name == "jacobian" else "scaled_jacobian(frame)"
 
     def _constant(self, name: str, element: str) -> str:

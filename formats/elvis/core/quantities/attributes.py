@@ -10,6 +10,7 @@ jacobian         determinant of the map's derivative in xi; length or area if th
 scaled_jacobian  the determinant divided by the product of the lengths of the derivative's columns: -1 to 1
 quality          mean ratio of the map from the ideal element, which has equal edges: 1 for a similarity, 0 for a
                  degenerate or inverted map (Knupp 2001, Algebraic mesh quality metrics: shape)
+xi1_x, …         derivatives of the reference coordinates (see `element_sides.DUALS`)
 nx, ny, nz       outward unit normal on the element's sides, and
 face_height      height of the element above them; NaN elsewhere (see `element_sides`)
 jump(f)          largest jump of the field f across the element's faces (see `jumps`)
@@ -36,7 +37,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.geometry import GeometryBlock, geometry
 from elvis.core.mapping import pointwise, tangents
 from elvis.core.patch import Patch
-from elvis.core.quantities.element_sides import SIDES, of_side, side_gradients
+from elvis.core.quantities.element_sides import DUALS, SIDES, of_side, side_gradients
 from elvis.core.quantities.element_sizes import composites, sizes
 from elvis.core.quantities.jumps import jumps
 from elvis.core.quantities.tree import direction_of, measured_of, other_of, target_of
@@ -205,6 +206,13 @@ def _on_side(name: str, patch: Patch, rows: Ints, points: Floats) -> Floats:
     return of_side(name, side_gradients(patch.shape, points, duals))
 
 
+def _dual(name: str, patch: Patch, rows: Ints, points: Floats) -> Floats:
+    """(n,) one of DUALS."""
+    direction, axis = int(name[2]) - 1, "xyz".index(name[-1])
+    found = tangents.duals(pointwise.jacobians(patch, rows, points))
+    return found[:, axis, direction] if direction < found.shape[2] else np.zeros(len(rows))
+
+
 def _scale(patch: Patch, rows: Ints, points: Floats) -> Floats:
     jacobians = pointwise.jacobians(patch, rows, points)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -229,4 +237,5 @@ _POINTWISE: Mapping[str, Callable[[Patch, Ints, Floats], Floats]] = {
     "scaled_jacobian": _scale,
     "quality": _quality,
     **{name: partial(_on_side, name) for name in SIDES},
+    **{name: partial(_dual, name) for name in DUALS},
 }

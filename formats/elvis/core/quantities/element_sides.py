@@ -15,6 +15,8 @@ from elvis.core.mapping.margins import facets, heights
 from elvis.core.shapes import Shape
 
 SIDES = ("nx", "ny", "nz", "face_height")
+#: gradients of the reference coordinates in the world, by coordinate and axis: zero for those that a shape lacks
+DUALS = tuple(f"xi{i}_{axis}" for i in (1, 2, 3) for axis in "xyz")
 #: largest lambda of points that lie on a side
 NEAR = 1e-4
 

@@ -9,7 +9,7 @@ from functools import cached_property
 from elvis.core.dataset import Dataset, is_rate
 from elvis.core.errors import ElvisError
 from elvis.core.quantities.derived import is_recovered, original_of
-from elvis.core.quantities.element_sides import SIDES
+from elvis.core.quantities.element_sides import DUALS, SIDES
 from elvis.core.quantities.names import Names
 from elvis.core.quantities.parsing import Parser
 from elvis.core.quantities.tree import Node, field, fold, jumping_of, leaves, target_of, whole_exponent
@@ -17,7 +17,7 @@ from elvis.core.quantities.tree import Node, field, fold, jumping_of, leaves, ta
 #: the highest power that is treated as a polynomial
 _MOST_POWER = 64
 #: attributes of an element that are independent of its surroundings
-_OWN = ("element", "composite", "h", "shape", "order", "jacobian", "scaled_jacobian", "quality", *SIDES)
+_OWN = ("element", "composite", "h", "shape", "order", "jacobian", "scaled_jacobian", "quality", *SIDES, *DUALS)
 
 
 @dataclass(frozen=True, eq=False)

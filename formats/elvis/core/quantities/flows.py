@@ -11,7 +11,7 @@ from elvis.core.complex_fields import Pairs
 from elvis.core.errors import ElvisError
 from elvis.core.hints import perhaps
 from elvis.core.quantities.configurations import derivative_before
-from elvis.core.quantities.element_sides import SIDES
+from elvis.core.quantities.element_sides import DUALS, SIDES
 from elvis.core.quantities.predefined import PARAMETERS, QUANTITIES, STEPS, PredefinedQuantity
 from elvis.core.quantities.tree import AXES, ZERO, Node, attribute, coordinate, field, number
 
@@ -55,6 +55,8 @@ _INGREDIENTS = {
     "p": ("p or E", "a pressure: p, or E with rho, rhou, …"),
     "T": ("T, or p with rho", "a temperature: T, or p with rho"),
 }
+#: attributes of elements that formulas may contain
+_ATTRIBUTES = (*SIDES, *DUALS, "order")
 #: names that are not called
 _WORD = re.compile(r"\b[^\W\d]\w*\b(?!\()")
 
@@ -182,7 +184,7 @@ class Flow:
         default = PARAMETERS[name].default if name in PARAMETERS else None
         if default is not None:
             return number(default)
-        if name in SIDES:
+        if name in _ATTRIBUTES:
             return attribute(name)
         if name in AXES:
             return coordinate(AXES.index(name))
@@ -224,7 +226,7 @@ class Flow:
             seen.add(own)
             if own in PARAMETERS:
                 found[own] = None
-            elif own not in SIDES:
+            elif own not in _ATTRIBUTES:
                 waiting += [word for text in self._suitable(own) for word in _words(text)]
         known = {"density"} if "rho" in self._fields_by_symbol else set()
         return tuple(key for key in PARAMETERS if key in found and key not in known)
@@ -291,7 +293,7 @@ class Flow:
         return {}
 
     def _missing_now(self, name: str) -> Missing:
-        if name in self._fields_by_symbol or name in SIDES or self._is_beyond(name):
+        if name in self._fields_by_symbol or name in _ATTRIBUTES or self._is_beyond(name):
             return Missing()
         if name in PARAMETERS:
             return self._unset(name)

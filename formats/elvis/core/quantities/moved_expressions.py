@@ -21,7 +21,7 @@ from elvis.core.dataset import is_rate
 from elvis.core.errors import ElvisError
 from elvis.core.isometries import Isometry
 from elvis.core.quantities.derived import derived_name, derived_of
-from elvis.core.quantities.element_sides import SIDES
+from elvis.core.quantities.element_sides import DUALS, SIDES
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.flows import VECTORS
 from elvis.core.quantities.functions import function
@@ -105,6 +105,11 @@ class MovedLeaves:
         """An attribute of elements."""
         if node.name in SIDES[: len(AXES)]:
             terms = [(factor, attribute(SIDES[other])) for other, factor in self._row(SIDES.index(node.name))]
+            return _combined(terms)
+        if node.name in DUALS:
+            terms = [
+                (factor, attribute(f"{node.name[:-1]}{AXES[k]}")) for k, factor in self._row("xyz".index(node.name[-1]))
+            ]
             return _combined(terms)
         measured = measured_of(node.name)
         if measured is not None:

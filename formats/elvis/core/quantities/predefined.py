@@ -49,6 +49,7 @@ PARAMETERS: Mapping[str, Parameter] = {
     "p_ref": Parameter("reference pressure", ("p_ref", "pinf", "p_inf")),
     "rho_ref": Parameter("reference density", ("rho_ref", "rhoinf", "rho_inf")),
     "u_ref": Parameter("reference speed", ("u_ref",)),
+    "dt": Parameter("time step", ("dt", "timestep", "time_step")),
     "Pr": Parameter("Prandtl number", ("pr", "prandtl", "prandtlnumber", "prandtl_number"), 0.72),
     "conductivity": Parameter("thermal conductivity", ("conductivity", "thermalconductivity", "thermal_conductivity")),
     **{f"{axis}_ref": Parameter(f"{axis} of the reference point of moments", (), 0.0) for axis in "xyz"},
@@ -75,6 +76,7 @@ STEPS: Mapping[str, tuple[str, ...]] = {
     "conduction": ("conductivity", "viscosity*gamma*R/((gamma - 1)*Pr)"),
     "dynamic_pressure": ("0.5*reference_mass*u_ref^2",),
     "reference_mass": ("rho_ref", "density"),
+    **{f"rate{i}": (f"abs(u*xi{i}_x + v*xi{i}_y + w*xi{i}_z)",) for i in (1, 2, 3)},
     "traction_x": ("-2*viscosity*(strain_xx*nx + strain_xy*ny + strain_xz*nz)",),
     "traction_y": ("-2*viscosity*(strain_xy*nx + strain_yy*ny + strain_yz*nz)",),
     "traction_z": ("-2*viscosity*(strain_xz*nx + strain_yz*ny + strain_zz*nz)",),
@@ -100,6 +102,7 @@ _JEONG = "Jeong and Hussain 1995, On the identification of a vortex"
 _ZHOU = "Zhou, Adrian, Balachandar and Kendall 1999, Mechanisms for generating coherent packets of hairpin vortices"
 _LEVY = "Levy, Degani and Seginer 1990, Graphical visualization of vortical flows by means of helicity"
 _LIEPMANN = "Liepmann and Roshko 1957, Elements of gasdynamics"
+_KARNIADAKIS = "Karniadakis and Sherwin, Spectral/hp element methods for CFD, section 6.3"
 _SCHLICHTING = "Schlichting 1979, Boundary-layer theory"
 _FORCE = "component of the force of the flow on a wall, per area; only of the pressure if no viscosity is known"
 _FRICTION = "component of the viscous force on a wall, per area, -2 mu (S - div(u)/3) n"
@@ -259,6 +262,12 @@ QUANTITIES: tuple[PredefinedQuantity, ...] = (
     PredefinedQuantity("moment_x", _MOMENT, ("(y - y_ref)*force_z - (z - z_ref)*force_y",), "", _SOLID),
     PredefinedQuantity("moment_y", _MOMENT, ("(z - z_ref)*force_x - (x - x_ref)*force_z",), "", _SOLID),
     PredefinedQuantity("moment_z", _MOMENT, ("(x - x_ref)*force_y - (y - y_ref)*force_x",), "", _PLANE),
+    PredefinedQuantity(
+        "cfl",
+        "CFL number of explicit advection: 0.2 p^2 dt times the largest speed of a reference coordinate, order p",
+        ("0.2*order*order*dt*max(rate1, max(rate2, rate3))",),
+        _KARNIADAKIS,
+    ),
     PredefinedQuantity(
         "y_plus",
         "height of the element at a wall, in wall units; divide by the order to estimate y+ of the first node",
