@@ -190,6 +190,58 @@ def files(tmp_path_factory):
     return write(flow(grid(Shape.HEXAHEDRON, 1)), tmp_path_factory.mktemp("data") / "a.xml")
 
 
+def torus(x):
+    """The torus of `TORUS`, and its gradient."""
+    away = x - 0.5
+    square = (away**2).sum(axis=1) + 0.28**2 - 0.1**2
+    flat = away * (1, 1, 0)
+    value = square**2 - 4 * 0.28**2 * (flat**2).sum(axis=1)
+    return value, 4 * square[:, None] * away - 8 * 0.28**2 * flat
+
+
+def gyroid(x):
+    """The gyroid of two periods, and its gradient."""
+    s, c = np.sin(2 * np.pi * x), np.cos(2 * np.pi * x)
+    value = s[:, 0] * c[:, 1] + s[:, 1] * c[:, 2] + s[:, 2] * c[:, 0]
+    parts = [c[:, k] * c[:, (k + 1) % 3] - s[:, k] * s[:, (k + 2) % 3] for k in range(3)]
+    return value, 2 * np.pi * np.stack(parts, axis=1)
+
+
+GYROID = "sin(2*pi*x)*cos(2*pi*y) + sin(2*pi*y)*cos(2*pi*z) + sin(2*pi*z)*cos(2*pi*x)=0"
+
+
+def onto(function, points):
+    """Points (n, 3) moved onto a surface along its gradient, by Newton's method."""
+    for _ in range(30):
+        value, gradient = function(points)
+        points = points - (value / (gradient**2).sum(axis=1))[:, None] * gradient
+    return points[np.abs(function(points)[0]) < 1e-12]
+
+
+@pytest.mark.parametrize(("surface", "function", "tolerance"), [(TORUS, torus, 0.02), (GYROID, gyroid, 0.05)])
+def test_stl_files_are_within_the_tolerance_of_the_surface(tmp_path, elvis_json, surface, function, tolerance):
+    """Points on the surface to triangles, by libigl, and points of triangles to the surface, by Newton's method."""
+    files = write(Dataset(grid(Shape.HEXAHEDRON, 2)), tmp_path / "a.xml")
+    facts = elvis_json("extract", *files, "--cut", surface, "--tolerance", tolerance, "-o", tmp_path / "a.stl")
+    mesh = trimesh.load_mesh(tmp_path / "a.stl")
+    assert facts["distance"] <= tolerance
+    rng = np.random.default_rng(5)
+    exact = onto(function, rng.uniform(0, 1, (3000, 3)))
+    exact = exact[(np.abs(exact - 0.5) < 0.5).all(axis=1)]
+    assert len(exact) > 500
+    back = np.sqrt(igl.point_mesh_squared_distance(exact, mesh.vertices, mesh.faces)[0].max())
+    weights = rng.dirichlet((1, 1, 1), len(mesh.faces))
+    inner = np.einsum("nk,nki->ni", weights, mesh.triangles)
+    there = np.linalg.norm(onto(function, inner) - inner, axis=1).max()
+    assert 0 < max(there, back) <= facts["distance"] + 1e-6
+    # open only where the surface leaves the data
+    edges = np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    _, first, counts = np.unique(edges, axis=0, return_index=True, return_counts=True)
+    border = mesh.vertices[edges[first[counts == 1]]]
+    assert (np.abs(np.abs(border - 0.5) - 0.5) < 1e-6).all(axis=1).any(axis=1).all()
+    assert mesh.is_watertight == (function is torus)
+
+
 @pytest.mark.parametrize("suffix", [".stl", ".ply", ".obj", ".glb"])
 def test_trimesh_reads_the_output(files, tmp_path, elvis_json, suffix):
     out = tmp_path / f"ball{suffix}"
