@@ -281,6 +281,25 @@ def test_vtk_reads_triangles_with_every_digit(files, tmp_path, elvis):
     assert found.GetNumberOfPolys() > 0
 
 
+def test_curved_triangles_have_their_nodes_on_the_surface_in_vtk(files, tmp_path, elvis_json):
+    """Of order 2 on a sphere: their area converges with the fourth power of their size."""
+    exact = 4 * np.pi * RADIUS**2
+    errors = []
+    for tolerance in (0.02, 0.001):
+        out = tmp_path / f"ball{tolerance}.vtu"
+        options = ["--order", "2", "--tolerance", tolerance, "--field", "p"]
+        facts = elvis_json("extract", *files, "--cut", SPHERE, *options, "-o", out)
+        assert facts["distance"] <= tolerance
+        known = meshio.read(out)
+        assert np.abs(np.linalg.norm(known.points - CENTRE, axis=1) - RADIUS).max() < 1e-14
+        assert known.point_data["p"] == pytest.approx(FUNCTIONS["p"](known.points), abs=1e-12)
+        surface = read(out, cache=False)
+        assert surface.order >= 2
+        errors.append(abs(integrate(surface, "1").value / exact - 1))
+    assert errors[0] < 1e-3
+    assert errors[1] < errors[0] / 10
+
+
 @pytest.mark.parametrize("suffix", [".xml", ".vtu", ".msh"])
 def test_boundaries_record_their_elements(files, tmp_path, elvis, suffix):
     out = tmp_path / f"skin{suffix}"
@@ -309,6 +328,8 @@ def test_boundaries_record_their_elements(files, tmp_path, elvis, suffix):
             "expected a tolerance that some millions of triangles reach",
         ),
         (["--plane", "0,0,0.5:0,0,1", "--clip", "p=1"], "a.stl", "--clip: expected plane:P:N"),
+        (["--cut", SPHERE, "--order", "2"], "a.vtp", "expected a name ending in .xml, .vtu, .msh for curved triangles"),
+        (["--boundary", "all", "--order", "2"], "a.vtu", "--order: expected --plane, --cut or --isosurface"),
         (["--boundary", "all", "--tolerance", "0.1"], "a.xml", "--tolerance and --clip are for triangles"),
     ],
 )

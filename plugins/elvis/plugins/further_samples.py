@@ -55,7 +55,7 @@ def rounded(points: Floats) -> Floats:
     """Polygons to circles: the middles of sides are nearer to the centre by the cosine of half their angle."""
     step = 2 * np.pi / AROUND
     off = np.mod(np.arctan2(points[..., 1], points[..., 0]), step) - step / 2
-    return points * (np.cos(off) / np.cos(step / 2))[..., None]
+    return np.asarray(points * (np.cos(off) / np.cos(step / 2))[..., None])
 
 
 def cylinder_flow(points: Floats) -> tuple[Floats, Floats]:

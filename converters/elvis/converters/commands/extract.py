@@ -38,6 +38,7 @@ Examples:
   elvis extract wing.xml wing.fld --boundary all --field p -o skin.xml                  a native surface mesh, exact
   elvis extract wing.xml wing.fld --boundary all --field "shear=wall_shear(mu=2e-4)" -o skin.vtu
   elvis extract wing.xml --boundary all --clip plane:0,0.5,0:0,1,0 -o half.stl
+  elvis extract wing.xml wing.fld --isosurface p=-0.3 --order 2 -o iso.vtu                  curved triangles
   elvis extract wing.xml wing.fld --streamlines random:50 --clip sphere:0,0,1:1 --field p -o lines.vtp
 """
 
@@ -54,8 +55,8 @@ _MESHES = (".xml", ".vtu", ".msh")
     type=FILE,
     required=True,
     help="File to write: triangles as .stl, .ply, .obj, .glb or .vtp; a boundary with its own elements also as .xml "
-    "(fields go next to it, .fld), .vtu or .msh; a plane across a Fourier direction also as .xml; lines as .vtp, .csv "
-    "or .npz.",
+    "(fields go next to it, .fld), .vtu or .msh, and so with --order other surfaces; a plane across a Fourier "
+    "direction also as .xml; lines as .vtp, .csv or .npz.",
 )
 @click.option("--boundary", metavar="NAME", help="Name of a boundary, or all for all outer faces.")
 @click.option("--plane", metavar="P:N|z=V", help="Plane through P with normal N, such as 0,0,0.5:0,0,1, or z=0.5.")
@@ -81,6 +82,12 @@ _MESHES = (".xml", ".vtu", ".msh")
     "--tolerance",
     type=float,
     help="Maximum distance of triangles from the exact surface.  [default: 1/1000 of the size of the data]",
+)
+@click.option(
+    "--order",
+    type=click.IntRange(2, 10),
+    help="Curved triangles of this order with all nodes on the surface, as .vtu, .msh or .xml; .vtp files hold only "
+    "flat ones.  [default: flat triangles]",
 )
 @click.option(
     "--clip",
@@ -138,12 +145,21 @@ def extract(
     dataset = dataset_of(data, reading)
     for remark in dataset.remarks:
         note(remark)
-    if is_mesh and surface[0] == "plane":
-        _write_plane(dataset, surface[1].removeprefix("plane:"), output, options["quantities"], options["as_json"])
+    _write(dataset, surface, is_mesh, output, options)
+
+
+def _write(dataset: Dataset, surface: tuple[str, str], is_mesh: bool, output: Path, options: dict[str, Any]) -> None:
+    """Write a surface or lines in the form that the options request."""
+    kind, name = surface
+    order = options.pop("order")
+    if order is not None:
+        _write_curved(dataset, name, output, order, **options)
+    elif is_mesh and kind == "plane":
+        _write_plane(dataset, name.removeprefix("plane:"), output, options["quantities"], options["as_json"])
     elif is_mesh:
-        _write_mesh(dataset, surface[1], output, options["quantities"], options["as_json"])
-    elif surface[0] == "seeds":
-        _write_lines(dataset, surface[1].split("\n"), output, options["quantities"], options["clips"])
+        _write_mesh(dataset, name, output, options["quantities"], options["as_json"])
+    elif kind == "seeds":
+        _write_lines(dataset, name.split("\n"), output, options["quantities"], options["clips"])
     else:
         _write_triangles(dataset, surface, output, **options)
 
@@ -170,6 +186,9 @@ def _check_output(output: Path, surface: tuple[str, str], options: dict[str, Any
     from elvis.converters.triangle_export import SUFFIXES, check_name
     from elvis.core.streamlines.line_files import check_suffix
 
+    if options["order"] is not None:
+        _check_curved(output, surface, options)
+        return True
     if surface[0] == "seeds":
         check_suffix(output)
         if options["tolerance"] is not None or options["as_json"]:
@@ -187,6 +206,14 @@ def _check_output(output: Path, surface: tuple[str, str], options: dict[str, Any
         raise click.BadParameter(f"expected a name ending in {', '.join(known)}, found {output}", param_hint="'-o'")
     check_name(output)
     return False
+
+
+def _check_curved(output: Path, surface: tuple[str, str], options: dict[str, Any]) -> None:
+    """Raise ElvisError for surfaces and names of files that curved triangles cannot have."""
+    if surface[0] in ("boundary", "seeds") or options["clips"]:
+        raise ElvisError("--order: expected --plane, --cut or --isosurface, without --clip")
+    if output.suffix not in _MESHES:
+        raise ElvisError(f"{output}: expected a name ending in {', '.join(_MESHES)} for curved triangles")
 
 
 def _named(dataset: Dataset, texts: tuple[str, ...]) -> dict[str, str]:
@@ -255,6 +282,36 @@ def _write_triangles(
     _tell(found, output, as_json)
 
 
+def _write_curved(
+    dataset: Dataset,
+    surface: str,
+    output: Path,
+    order: int,
+    quantities: tuple[str, ...],
+    tolerance: float | None,
+    as_json: bool,
+    **_: Any,
+) -> None:
+    """Find curved triangles and write them as data with their own elements."""
+    from elvis.core.shapes import Shape
+    from elvis.core.terminal import print_json, say, stage
+    from elvis.core.triangles.curved_triangles import curved_triangles
+    from elvis.plugins.arrays import from_arrays
+
+    named = _named(dataset, quantities)
+    with stage(f"triangles of {surface}"):
+        found = curved_triangles(dataset, surface, order, list(named.values()), tolerance)
+        values = {name: found.values[text] for name, text in named.items()}
+        reference = {"triangle": found.weights @ Shape.TRIANGLE.vertices}
+        made = from_arrays({"triangle": found.points}, values, reference=reference)
+    _save_mesh(made, output)
+    if as_json:
+        print_json({"triangles": len(found.points), "order": order, "distance": found.distance, "is_bound": False})
+        return
+    far = f"within {found.distance:.2g} of the surface, an estimate"
+    say(f"{output}: {len(found.points):,} triangles of order {order}, {far}")
+
+
 def _tell(found: SurfaceTriangles, output: Path, as_json: bool) -> None:
     """Print a summary of the written file."""
     from elvis.core.terminal import print_json, say
@@ -270,9 +327,7 @@ def _tell(found: SurfaceTriangles, output: Path, as_json: bool) -> None:
 def _write_mesh(dataset: Dataset, boundary: str, output: Path, texts: tuple[str, ...], as_json: bool) -> None:
     """Write a boundary with its own elements."""
     from elvis.core.terminal import note, print_json, print_table, say
-    from elvis.formats.writing import write
     from elvis.plugins.boundary_data import convert_boundary
-    from elvis.plugins.exporting import exporter
     from elvis.plugins.report import HEADERS
 
     fields = [text for text in texts if text in dataset] if texts else None
@@ -284,13 +339,22 @@ def _write_mesh(dataset: Dataset, boundary: str, output: Path, texts: tuple[str,
         print_table(HEADERS, conversion.report.rows())
     for sentence in conversion.report.sentences():
         note(sentence)
-    if output.suffix == ".xml":
-        write(conversion.dataset, output)
-    else:
-        for sentence in exporter(output.suffix[1:])(conversion.dataset, None, None, output, lambda losses: None):
-            note(f"{output.name}: {sentence}")
+    _save_mesh(conversion.dataset, output)
     if not as_json:
         say(f"\nwrote {output}")
+
+
+def _save_mesh(dataset: Dataset, output: Path) -> None:
+    """Write data with their own elements in the format of the suffix."""
+    from elvis.core.terminal import note
+    from elvis.formats.writing import write
+    from elvis.plugins.exporting import exporter
+
+    if output.suffix == ".xml":
+        write(dataset, output)
+        return
+    for sentence in exporter(output.suffix[1:])(dataset, None, None, output, lambda losses: None):
+        note(f"{output.name}: {sentence}")
 
 
 def _write_plane(dataset: Dataset, text: str, output: Path, texts: tuple[str, ...], as_json: bool) -> None:

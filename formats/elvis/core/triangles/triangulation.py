@@ -8,7 +8,7 @@ sign the zero is found to rounding.  Triangles then meet along common edges wher
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -47,12 +47,11 @@ def level_triangles(
     Raises ElvisError for other names, for data of other dimensions, and for tolerances that need too many triangles.
     """
     wanted = default_tolerance(dataset, tolerance)
-    level, gradient, evaluator = _prepared(dataset, surface, quantities)
+    level, gradient, evaluator = prepared(dataset, surface, quantities)
     blocks = list(cell_blocks(evaluator, level))
-    cells = _cells(evaluator, blocks, wanted)
-    points, triangles = _marched(cells, level) if cells.boxes else (None, np.empty((0, 3), np.int64))
-    if points is None or not len(triangles):
-        raise ElvisError(f"{surface}: expected a surface within the data, found none")
+    cells = cells_within(evaluator, blocks, wanted)
+    marched = march(cells, level, surface)
+    points, triangles = marched.nodes, marched.triangles
 
     values = cells.values(points, evaluator.expressions[1:])
     own = values[len(gradient) :]
@@ -66,7 +65,7 @@ def level_triangles(
     return replace(found, normals=normals, remarks=_remarks(evaluator, bounds[bounds > wanted]))
 
 
-def _prepared(
+def prepared(
     dataset: Dataset, surface: str, quantities: Sequence[str]
 ) -> tuple[Expression, list[Expression], Evaluator]:
     """The expression that is zero on the surface, its gradient if it has one, and the evaluator for all quantities."""
@@ -85,22 +84,43 @@ def _prepared(
     return level, gradient, Evaluator(dataset, [level, *gradient, *wanted])
 
 
-def _cells(evaluator: Evaluator, blocks: Sequence[CellBlock], tolerance: float) -> Cells:
+def cells_within(evaluator: Evaluator, blocks: Sequence[CellBlock], tolerance: float) -> Cells:
     """The boxes whose triangles are within the tolerance, wherever bounds show that."""
     depth = max((halvings_needed(block, tolerance) for block in blocks), default=0)
     boxes = [boxes_at(block, depth) for block in blocks]
     return Cells(evaluator, [own for own in boxes if len(own.index)])
 
 
-def _marched(cells: Cells, level: Expression) -> tuple[CellPlaces, Ints]:
-    """Points on the surface, and triangles (m, 3) of these."""
+@dataclass(frozen=True, eq=False)
+class Marched:
+    """Triangles in boxes, with their corners on the surface.
+
+    nodes      (n,) corners of triangles
+    triangles  (m, 3) rows of these
+    corners    of boxes
+    numbers    (m, 3, 2) the corners of the box of each triangle between which each of its corners lies
+    shares     (m, 3) where it lies between the two
+    """
+
+    nodes: CellPlaces
+    triangles: Ints
+    corners: CellPlaces
+    numbers: Ints
+    shares: Floats
+
+
+def march(cells: Cells, level: Expression, surface: str) -> Marched:
+    """Points on the surface, and triangles of these; raises ElvisError if there are none."""
+    found = _marched(cells, level) if cells.boxes else None
+    if found is None or not len(found.triangles):
+        raise ElvisError(f"{surface}: expected a surface within the data, found none")
+    return found
+
+
+def _marched(cells: Cells, level: Expression) -> Marched:
+    """Points on the surface, and triangles of these."""
     corners, numbers = cells.corners()
-    values = cells.values(corners, [level])[0]
-    scale = float(np.abs(values).max(initial=0.0)) or 1.0
-    values[np.abs(values) <= ROUNDING * scale] = 0.0
-    shared = shared_numbers(cells.positions(corners), values, scale)
-    first = np.unique(shared, return_index=True)[1]
-    ids, values = shared[numbers], values[first]
+    ids, values = _shared_values(cells, level, corners, numbers)
 
     # triangles by the corners of boxes, turned where the map from the box is left-handed
     is_high = values >= 0
@@ -113,18 +133,44 @@ def _marched(cells: Cells, level: Expression) -> tuple[CellPlaces, Ints]:
     turned = np.isin(box, mixed[is_left])
     edges[turned] = edges[turned][:, ::-1]
 
-    triangles, chosen = _nodes(ids[box[:, None, None], edges], values == 0)
+    own = ids[box[:, None, None], edges]
+    kept, triangles, chosen = _nodes(own, values == 0)
     ends = edges.reshape(-1, 2)[chosen]
     owner = np.repeat(box, 3)[chosen]
     start, stop = (corners.take(numbers[owner, ends[:, k]]) for k in (0, 1))
     pair = values[ids[owner[:, None], ends]]
-    return _on_edges(cells, level, start, stop, pair), triangles
+    nodes, t = _on_edges(cells, level, start, stop, pair)
+
+    shares = _own_shares(own[kept], values, ids[owner, ends[:, 0]][triangles], t[triangles])
+    own_corners = numbers[box[kept][:, None, None], edges[kept]]
+    return Marched(nodes, triangles, corners, own_corners, shares)
 
 
-def _nodes(edges: Ints, is_zero: Ints) -> tuple[Ints, Ints]:
-    """Triangles (m, 3) of nodes from the edges (k, 3, 2) that their corners are on, and an edge (n,) of each node.
+def _shared_values(cells: Cells, level: Expression, corners: CellPlaces, numbers: Ints) -> tuple[Ints, Floats]:
+    """Numbers of the corners of boxes, the same where elements share a corner, and the values there."""
+    values = cells.values(corners, [level])[0]
+    scale = float(np.abs(values).max(initial=0.0)) or 1.0
+    values[np.abs(values) <= ROUNDING * scale] = 0.0
+    shared = shared_numbers(cells.positions(corners), values, scale)
+    first = np.unique(shared, return_index=True)[1]
+    return shared[numbers], values[first]
 
-    Edges with a common end on the surface have one node there, and triangles with fewer than three nodes vanish.
+
+def _own_shares(edges: Ints, values: Floats, starts: Ints, shares: Floats) -> Floats:
+    """(m, 3) shares of corners of triangles on their own edges (m, 3, 2), between corners with these values.
+
+    starts, shares  (m, 3) the ends at which the edges begin from which the corners were found, and shares on these
+    """
+    found = np.where(starts != edges[..., 0], 1 - shares, shares)
+    is_zero = values[edges] == 0
+    return np.where(is_zero[..., 0], 0.0, np.where(is_zero[..., 1], 1.0, found))
+
+
+def _nodes(edges: Ints, is_zero: Ints) -> tuple[Ints, Ints, Ints]:
+    """Triangles of nodes from the edges (k, 3, 2) that their corners are on: rows (m,), nodes (m, 3).
+
+    Also an edge (n,) of each node.  Edges with a common end on the surface have one node there, and triangles with
+    fewer than three nodes vanish.
     """
     keys = np.sort(edges.reshape(-1, 2), axis=1)
     for end in (0, 1):
@@ -132,13 +178,15 @@ def _nodes(edges: Ints, is_zero: Ints) -> tuple[Ints, Ints]:
         keys[here, 1 - end] = keys[here, end]
     _, first, flat = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     triangles = flat.reshape(-1, 3)
-    triangles = triangles[(triangles != np.roll(triangles, 1, axis=1)).all(axis=1)]
-    used, flat = np.unique(triangles, return_inverse=True)
-    return flat.reshape(-1, 3), first[used]
+    kept = np.flatnonzero((triangles != np.roll(triangles, 1, axis=1)).all(axis=1))
+    used, flat = np.unique(triangles[kept], return_inverse=True)
+    return kept, flat.reshape(-1, 3), first[used]
 
 
-def _on_edges(cells: Cells, level: Expression, start: CellPlaces, stop: CellPlaces, values: Floats) -> CellPlaces:
-    """The zero between two places in a cell with values (n, 2) of different signs."""
+def _on_edges(
+    cells: Cells, level: Expression, start: CellPlaces, stop: CellPlaces, values: Floats
+) -> tuple[CellPlaces, Floats]:
+    """The zero between two places in a cell with values (n, 2) of different signs, and its share (n,) of the way."""
     way = stop.place - start.place
 
     def at(rows: Ints, t: Floats) -> Floats:
@@ -146,7 +194,7 @@ def _on_edges(cells: Cells, level: Expression, start: CellPlaces, stop: CellPlac
         return np.asarray(cells.values(places, [level])[0])
 
     t = _zeros(at, values[:, 0], values[:, 1])
-    return replace(start, place=start.place + t[:, None] * way)
+    return replace(start, place=start.place + t[:, None] * way), t
 
 
 def _zeros(function: Callable[[Ints, Floats], Floats], first: Floats, last: Floats) -> Floats:
