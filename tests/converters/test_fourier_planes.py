@@ -69,9 +69,10 @@ def test_plane_data_have_no_fourier_planes(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     mesh = grid(Shape.QUADRILATERAL, 1)
     write(Dataset(mesh, (approximated(Dataset(mesh), "u", lambda p: p[:, 0], 2),)), "a.xml")
-    found = CliRunner().invoke(elvis, ["average", "a.xml", "a.fld", "--direction", "z", "-o", "b.xml"])
-    assert found.exit_code == 1
-    assert "with a Fourier direction, found none" in str(found.exception)
+    for words in (["average", "--direction", "z"], ["convert", "--mean-mode"]):
+        found = CliRunner().invoke(elvis, [words[0], "a.xml", "a.fld", *words[1:], "-o", "b.xml"])
+        assert found.exit_code == 1
+        assert "with a Fourier direction, found none" in str(found.exception)
 
 
 def values_of(data):
@@ -129,7 +130,8 @@ def test_planes_are_coefficients(tmp_path, monkeypatch):
     write(data, "a.xml")
     # at z = 0 and at half of the period: mean + cosine, and mean - cosine
     at = [data["u"](0.3, 0.2, z) for z in (0.0, PERIOD / 2)]
-    for words, expected in ((["--plane", "2"], (at[0] - at[1]) / 2), (["--plane", "0"], (at[0] + at[1]) / 2)):
+    cosine, mean = (at[0] - at[1]) / 2, (at[0] + at[1]) / 2
+    for words, expected in ((["--plane", "2"], cosine), (["--plane", "0"], mean), (["--mean-mode"], mean)):
         CliRunner().invoke(elvis, ["convert", "a.xml", "a.fld", *words, "-o", "b.xml", "--overwrite"])
         assert read("b.xml", "b.fld")["u"](0.3, 0.2) == pytest.approx(expected, abs=1e-12)
     CliRunner().invoke(elvis, ["convert", "a.xml", "a.fld", "--zero-plane", "2", "-o", "c.xml"])

@@ -15,7 +15,7 @@ from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.expansion import wave_values
 
 
-def fourier_mean(dataset: Dataset, axis: str) -> Dataset:
+def fourier_mean(dataset: Dataset, axis: str, option: str = "") -> Dataset:
     """The mean of all fields along a Fourier direction.
 
     Parameters
@@ -24,6 +24,8 @@ def fourier_mean(dataset: Dataset, axis: str) -> Dataset:
         Fields with one Fourier direction, z of plane elements, y of lines.
     axis : str
         ``x``, ``y`` or ``z``.
+    option : str
+        The option that errors name; by default ``--direction``.
 
     Returns
     -------
@@ -36,7 +38,7 @@ def fourier_mean(dataset: Dataset, axis: str) -> Dataset:
     ElvisError
         If the data have no Fourier direction along the axis, or two.
     """
-    _check(dataset, axis, f"--direction {axis}")
+    _check(dataset, axis, option or f"--direction {axis}")
     return _combined(dataset, _is_constant)
 
 

@@ -158,6 +158,7 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
     help="Coefficients of one plane of a Fourier direction, as plane data: 0 the mean, 2k and 2k+1 cosine and sine of "
     "wave k; numbers as in the file, unless --full rewrites single and half modes.",
 )
+@click.option("--mean-mode", is_flag=True, help="Mean along a Fourier direction, as plane data.")
 @click.option("--zero-plane", type=click.IntRange(0), metavar="K", help="Set one plane of a Fourier direction to zero.")
 @click.option(
     "--stretch",
@@ -234,7 +235,7 @@ def _convert(
     from elvis.core.errors import ElvisError
     from elvis.core.terminal import print_json
 
-    waves = {key: options.pop(key) for key in ("plane", "zero_plane", "stretch", "full")}
+    waves = {key: options.pop(key) for key in ("plane", "mean_mode", "zero_plane", "stretch", "full")}
     onto = options["onto"]
     more = () if onto is None else tuple(map(Path, onto.split(",")))
     _check_places(output, kind, (*files, *more), overwrite)
@@ -371,17 +372,22 @@ def _projected(
 
 
 def _in_other_waves(
-    dataset: Dataset, plane: int | None, zero_plane: int | None, stretch: int | None, full: bool
+    dataset: Dataset, plane: int | None, mean_mode: bool, zero_plane: int | None, stretch: int | None, full: bool
 ) -> Dataset:
     """The data with a changed Fourier direction, or one of its planes."""
-    if plane is None and zero_plane is None and stretch is None and not full:
+    if plane is None and zero_plane is None and stretch is None and not (full or mean_mode):
         return dataset
-    from elvis.plugins.fourier_planes import fourier_coefficients, in_full_waves, without_plane
+    from elvis.core.errors import ElvisError
+    from elvis.plugins.fourier_planes import fourier_coefficients, fourier_mean, in_full_waves, without_plane
 
+    if mean_mode and plane is not None:
+        raise ElvisError("expected one of --plane and --mean-mode, found both")
     if zero_plane is not None:
         dataset = without_plane(dataset, zero_plane)
     if full or stretch is not None:
         dataset = in_full_waves(dataset, stretch or 1)
+    if mean_mode:
+        return fourier_mean(dataset, "xyz"[min(dataset.mesh.dimension, 2)], "--mean-mode")
     return dataset if plane is None else fourier_coefficients(dataset, plane)
 
 
