@@ -225,6 +225,7 @@ def test_stl_files_are_within_the_tolerance_of_the_surface(tmp_path, elvis_json,
     facts = elvis_json("extract", *files, "--cut", surface, "--tolerance", tolerance, "-o", tmp_path / "a.stl")
     mesh = trimesh.load_mesh(tmp_path / "a.stl")
     assert facts["distance"] <= tolerance
+    assert facts["is_bound"]
     rng = np.random.default_rng(5)
     exact = onto(function, rng.uniform(0, 1, (3000, 3)))
     exact = exact[(np.abs(exact - 0.5) < 0.5).all(axis=1)]
@@ -285,7 +286,7 @@ def test_curved_triangles_have_their_nodes_on_the_surface_in_vtk(files, tmp_path
     """Of order 2 on a sphere: their area converges with the fourth power of their size."""
     exact = 4 * np.pi * RADIUS**2
     errors = []
-    for tolerance in (0.02, 0.001):
+    for tolerance in (0.05, 0.005):
         out = tmp_path / f"ball{tolerance}.vtu"
         options = ["--order", "2", "--tolerance", tolerance, "--field", "p"]
         facts = elvis_json("extract", *files, "--cut", SPHERE, *options, "-o", out)

@@ -26,11 +26,16 @@ from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.expression_nets import NetsOf, degree_on, lattice_of, places_of
 from elvis.core.shapes import Shape
+from elvis.core.triangles.interpolation_errors import interpolation_errors
 
 #: elements whose nets are held at a time, by the numbers in these
 _NUMBERS = 1 << 22
 #: degree of the polynomial that represents other functions when their size is estimated
 _DEGREE_OF_OTHERS = 8
+#: error of the polynomial of another function, relative to its range on a cell, up to which distances are bounded
+_NEGLIGIBLE = 1e-5
+#: by how much the degree of the polynomial rises if its error is not small
+_HIGHER = 4
 #: values below this share of the largest coefficient are rounding
 ROUNDING = 1e-13
 #: second derivatives that count as rounding, relative to their terms
@@ -56,7 +61,8 @@ class CellBlock:
     index   (n, 3) counts boxes of their size from the cell's corner
     levels  (n, D, D, D) nets of q
     maps    (n, 3, M, M, M) nets of the map
-    is_exact  whether q and the map are these polynomials
+    slack   (n,) how far q may be from its polynomial at most
+    is_exact  whether q is within that of its polynomial, and the map is its polynomial
     """
 
     patch: int
@@ -67,23 +73,26 @@ class CellBlock:
     index: Ints
     levels: Floats
     maps: Floats
+    slack: Floats
     is_exact: bool
 
     def take(self, chosen: Ints | Bools | slice) -> CellBlock:
         """Some of the boxes."""
-        own = {name: getattr(self, name)[chosen] for name in ("rows", "index", "levels", "maps")}
+        own = {name: getattr(self, name)[chosen] for name in ("rows", "index", "levels", "maps", "slack")}
         return replace(self, **own)
 
     def halved(self, axes: Sequence[int] = (0, 1, 2)) -> CellBlock:
         """The halves of each box in some directions that may have a zero."""
-        rows, index, levels, maps = self.rows, self.index, self.levels, self.maps
+        rows, index, levels, maps, slack = self.rows, self.index, self.levels, self.maps, self.slack
         for axis in axes:
             step = np.eye(3, dtype=np.int64)[axis]
             grown = index * (1 + step)
-            rows, index = np.tile(rows, 2), np.concatenate([grown, grown + step])
+            rows, slack = np.tile(rows, 2), np.tile(slack, 2)
+            index = np.concatenate([grown, grown + step])
             levels, maps = np.concatenate(halves(levels, axis)), np.concatenate(halves(maps, 1 + axis))
-        near = ~_has_one_sign(levels)
-        return replace(self, rows=rows[near], index=index[near], levels=levels[near], maps=maps[near])
+        near = ~_has_one_sign(levels, slack)
+        whole = replace(self, rows=rows, index=index, levels=levels, maps=maps, slack=slack)
+        return whole.take(near)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,10 +134,12 @@ def cell_blocks(evaluator: Evaluator, level: Expression) -> Iterator[CellBlock]:
     for number, patch in enumerate(evaluator.patches):
         for rows, is_affine in _by_map(patch):
             degree = degree_on(level, evaluator, patch, is_affine)
-            own = min(max(_DEGREE_OF_OTHERS, _highest(patch)), 2 * _DEGREE_OF_OTHERS) if degree is None else degree
-            numbers = (max(1, own) + 1) ** 3 + 3 * (_map_degree(patch) + 1) ** 3
+            least = min(max(_DEGREE_OF_OTHERS, _highest(patch)), 2 * _DEGREE_OF_OTHERS)
+            degrees = (least, least + _HIGHER) if degree is None else (max(1, degree),)
+            nets = _CellNets(evaluator, level, patch, is_affine, degrees, degree is not None)
+            numbers = (degrees[-1] + 1) ** 3 + 3 * (_map_degree(patch) + 1) ** 3
             for some in chunks(len(rows), max(1, _NUMBERS // numbers)):
-                for block in _blocks_of(evaluator, level, number, rows[some], max(1, own), degree is not None):
+                for block in _blocks_of(nets, number, rows[some]):
                     splits = first_halvings(patch.shape, is_mixed)
                     yield replace(block, splits=splits).halved([axis for axis in range(3) if splits[axis]])
 
@@ -149,24 +160,64 @@ def _map_degree(patch: Patch) -> int:
     return max(1, *box_degrees(bernstein_space(patch.geometry)))
 
 
-def _blocks_of(
-    evaluator: Evaluator, level: Expression, number: int, rows: Ints, degree: int, is_exact: bool
-) -> Iterator[CellBlock]:
+@dataclass(frozen=True, eq=False)
+class _CellNets:
+    """Nets of an expression on cells of the elements of a patch.
+
+    is_affine  whether the elements' maps are affine
+    degrees    of polynomials that stand for the expression: the first with a small error, else the first
+    is_exact   whether the expression is a polynomial of the only degree
+    """
+
+    evaluator: Evaluator
+    level: Expression
+    patch: Patch
+    is_affine: bool
+    degrees: Sequence[int]
+    is_exact: bool
+
+    def on(self, rows: Ints, cell: int) -> tuple[Floats, Floats, bool]:
+        """Nets on a cell of elements (n,), bounds (n,) of their errors, and whether these are known.
+
+        If they are not known, or too large to be of use, they count as zero.
+        """
+        first = None
+        for degree in self.degrees:
+            levels = self._nets(rows, cell, degree)
+            if self.is_exact:
+                return levels, np.zeros(len(rows)), True
+            slack = interpolation_errors(self, rows, lambda places: _in_cell(self.patch.shape, cell, places), degree)
+            if (slack <= _NEGLIGIBLE * np.ptp(levels, axis=(1, 2, 3))).all():
+                return levels, slack, True
+            first = levels if first is None else first
+        assert first is not None
+        return first, np.zeros(len(rows)), False
+
+    def _nets(self, rows: Ints, cell: int, degree: int) -> Floats:
+        """Nets of one degree; raises ElvisError if the expression is not finite somewhere."""
+        places = places_of(degree)
+        nets = NetsOf(self.level, self.evaluator, self.patch, places)
+        found = nets.on(rows, _in_cell(self.patch.shape, cell, places))
+        if not np.isfinite(found).all():
+            bad = self.patch.element_ids[rows[~np.isfinite(found).all(axis=(1, 2, 3))]][0]
+            raise ElvisError(f"{self.level.text}: expected finite values, found others in element {bad}")
+        return found
+
+
+def _blocks_of(nets: _CellNets, number: int, rows: Ints) -> Iterator[CellBlock]:
     """The cells of some elements of a patch."""
-    patch = evaluator.patches[number]
-    places, map_places = places_of(degree), places_of(_map_degree(patch))
+    patch = nets.patch
+    map_places = places_of(_map_degree(patch))
     for cell in range(len(corners(patch.shape))):
-        levels = NetsOf(level, evaluator, patch, places).on(rows, _in_cell(patch.shape, cell, places))
-        if not np.isfinite(levels).all():
-            bad = patch.element_ids[rows[~np.isfinite(levels).all(axis=(1, 2, 3))]][0]
-            raise ElvisError(f"{level.text}: expected finite values, found others in element {bad}")
-        near = ~_has_one_sign(levels)
+        levels, slack, is_bounded = nets.on(rows, cell)
+        near = ~_has_one_sign(levels, slack)
         lattice = _in_cell(patch.shape, cell, map_places)
         world = evaluate(patch.geometry, patch.geometry_coefficients[rows[near]], lattice)
         count = len(map_places)
         maps = nets_through(world.reshape(-1, count**3), map_places, 3).reshape(-1, 3, count, count, count)
         start = np.zeros((int(near.sum()), 3), np.int64)
-        whole = CellBlock(number, patch.shape, cell, (0, 0, 0), rows[near], start, levels[near], maps, is_exact)
+        own = rows[near], start, levels[near], maps, slack[near], is_bounded
+        whole = CellBlock(number, patch.shape, cell, (0, 0, 0), *own)
         yield from (whole.take(some) for some in chunks(len(whole.rows), _ELEMENTS))
 
 
@@ -176,10 +227,10 @@ def _in_cell(shape: Shape, cell: int, places: Floats) -> Floats:
     return subcell_map(shape, np.full(len(lattice), cell), lattice)[0]
 
 
-def _has_one_sign(nets: Floats) -> Bools:
-    """(n,) whether nets exclude a zero."""
+def _has_one_sign(nets: Floats, slack: Floats) -> Bools:
+    """(n,) whether nets exclude a zero of functions that are within ``slack`` (n,) of them."""
     flat = nets.reshape(len(nets), nets[0].size if len(nets) else 1)
-    band = ROUNDING * np.abs(flat).max(axis=1)
+    band = np.maximum(ROUNDING * np.abs(flat).max(axis=1), slack)
     return np.asarray((flat.min(axis=1) > band) | (flat.max(axis=1) < -band))
 
 
@@ -267,15 +318,17 @@ def _bounds(block: CellBlock) -> Floats:
     # the map with the unit matrix for its derivative in the middle
     upright = np.einsum("ndc,ncijk->ndijk", inverse, block.maps)
     map_bends = np.stack([second_derivatives(upright[:, axis]) for axis in range(3)], axis=1)
-    return np.where(bends.any(axis=(1, 2)), _bound(inverse, gradient, bends, map_bends), 0.0)
+    is_flat = ~bends.any(axis=(1, 2)) & (block.slack == 0)
+    return np.where(is_flat, 0.0, _bound(inverse, gradient, bends, map_bends, block.slack))
 
 
-def _bound(inverse: Floats, gradient: Floats, bends: Floats, map_bends: Floats) -> Floats:
+def _bound(inverse: Floats, gradient: Floats, bends: Floats, map_bends: Floats, slack: Floats) -> Floats:
     """(n,) see `distance_bounds`.
 
     inverse    (n, 3, 3) Jacobians in the middle
     bends      (n, 3, 3) bounds of second derivatives of r
     map_bends  (n, 3, 3, 3) the same of each component of the map with a unit Jacobian in the middle
+    slack      (n,) how far q is from its polynomial at most: at the corners of triangles, and where q changes its sign
     """
     # the Jacobian differs from the unit matrix by at most `turn`, its inverse by turn / (1 - turn), in the row sum norm
     turn = map_bends.sum(axis=(2, 3)).max(axis=1) / 2
@@ -285,7 +338,7 @@ def _bound(inverse: Floats, gradient: Floats, bends: Floats, map_bends: Floats) 
         steepness = bends.sum(axis=2) / 2
         shift = grown(map_bends.sum(axis=(2, 3)) / 8, more)
         step = grown(np.abs(np.einsum("nic,nc->ni", inverse, gradient)) / slope[:, None], more)
-        error = bends.sum(axis=(1, 2)) / 8 + (steepness * shift).sum(axis=1)
+        error = bends.sum(axis=(1, 2)) / 8 + (steepness * shift).sum(axis=1) + 2 * slack
         least = slope - (steepness * step).sum(axis=1)
         return np.where((turn < 1) & (least > 0), error / least, np.inf)
 
