@@ -105,6 +105,23 @@ def test_one_that_fails_leaves_all(tmp_path, failing):
     assert state(tmp_path) == {name: text for name, text in BEFORE.items() if name != failing}
 
 
+@pytest.mark.parametrize("name", ["flock", "rmtree", "unlink"])
+def test_an_interrupt_leaves_no_scratch_folder(tmp_path, monkeypatch, name):
+    """Ctrl-C comes at the first call that locks the folder, or that removes parts of it."""
+    owner = {"flock": scratch.fcntl, "rmtree": scratch.shutil, "unlink": Path}[name]
+    original, interrupts = getattr(owner, name), iter([KeyboardInterrupt])
+
+    def interrupted(*arguments, **keywords):
+        for error in interrupts:
+            raise error
+        return original(*arguments, **keywords)
+
+    monkeypatch.setattr(owner, name, interrupted)
+    with pytest.raises(KeyboardInterrupt), Outputs() as outputs, outputs.file(tmp_path / "a") as temporary:
+        temporary.write_text("new")
+    assert [own for own in os.listdir(tmp_path) if own.startswith(".elvis-")] == []
+
+
 OPERATIONS = ("link", "rename", "replace")
 
 

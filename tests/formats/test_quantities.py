@@ -184,6 +184,7 @@ def test_expressions_follow_mathematics(text, value):
         ("u**2", "character 3: expected a number, a name or (, found '*'"),
         ("(" * 99 + "x", "at most 60 levels"),
         ("+".join("x" * 1999), "at most 1000 tokens"),
+        ("u + " + "v" * 100_000, "a name of at most 1000 characters for a part of an expression, found 100000: 'vvv"),
         ("1e999", "expected a number of double precision, found 1e999"),
         ("d(u,s)", "expected x, y, z or t, found 's'"),
         ("d(u)", "expected , and a coordinate"),

@@ -2,11 +2,13 @@
 
 import sys
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from elvis import Dataset, write
+from elvis.core import ranks as ranks_module
 from elvis.core.dataset import Block, Field, Homogeneous
 from elvis.core.exact_sums import parts_of_sum, rounded_sum
 from elvis.core.integrals import comes_apart, integrate
@@ -20,7 +22,7 @@ from elvis.core.polynomials.interpolation import modified
 from elvis.core.portions import Portion
 from elvis.core.quantities import Expression
 from elvis.core.quantities.evaluator import Sampler
-from elvis.core.ranks import Turns, started_together
+from elvis.core.ranks import MpiRanks, Turns, started_together
 from elvis.core.sampling import Samples, by_elements, columns_of_parts
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
@@ -35,6 +37,15 @@ TARGETS = (
     "u=0.2",
     "line:0.1,0.1,0.1:0.8,0.7,0.9",
 )
+
+
+@pytest.mark.parametrize("rank", [0, 1])
+def test_rank_0_aborts_first_and_prints_why(monkeypatch, rank):
+    calls = []
+    monkeypatch.setattr(ranks_module, "sleep", lambda seconds: calls.append(seconds > 0.5))
+    world = SimpleNamespace(Get_rank=lambda: rank, Get_size=lambda: 2, Abort=calls.append)
+    MpiRanks(world).abort(130)
+    assert calls == [rank > 0, 130]
 
 
 def shared(size, work, len_of=len):

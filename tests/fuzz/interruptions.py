@@ -2,12 +2,13 @@
 
     killed       by a signal that no process can take, at a random moment, every other time while it writes
     interrupted  by Ctrl-C, at a random moment
+    warm         by Ctrl-C at a random moment of the work, in forked processes that need not import anything
     disks        with random room for the outputs: as root on file systems in memory, else by a limit on file sizes
 
 Each run is a command that writes several files, or a report, where an earlier one has written before.  Afterwards every
 input is as it was, every output is the old or the new one, whole, a report is of one piece, and nothing else is there,
 or, of a process that was killed, nothing that the next run does not remove.  Without arguments 200 killed runs, 100
-interrupted ones and 200 disks; the exit status is 1 where anything is lost.
+interrupted ones, 200 of each command interrupted at work and 200 disks; the exit status is 1 where anything is lost.
 """
 
 from __future__ import annotations
@@ -28,15 +29,17 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import warm
+
 from elvis import Dataset, Shape, write
 from elvis.core.files.output import write_text
 from elvis.core.testing import approximated, grid
 
-COUNTS = {"killed": 200, "interrupted": 100, "disks": 200}
 ELVIS = [sys.executable, "-c", "from elvis.plugins.command import main; main()"]
 PLANE = ["--plane", "0.5,0.5,0.4:0.1,0.2,1", "--device", "reference"]
 SEEDS = ["--seeds", "line:0.1,0.1,0.1:0.9,0.9,0.9:5"]
 PICTURES = ["-o", "a.png", "-o", "a.npz", "-o", "a.exr", "--save-scene", "a.toml"]
+STEPS = ["in/s_0.chk", "in/s_1.chk"]
 #: names of commands, what they are told, and in which two ways: for the old outputs, and for the new ones
 COMMANDS = {
     "convert": (["in/m.xml", "in/m.fld", "-o", "out/c.xml", "--format", "hdf5"], ["--order", "2"], ["--order", "3"]),
@@ -72,7 +75,21 @@ COMMANDS = {
     "diff": (["in/m.xml,in/m.fld", "in/m.xml,in/m.fld"], [], []),
     "devices": ([], [], ["--caches"]),
     "plugins": ([], [], []),
+    "extract": (["in/m.xml", "in/m.fld", "-o", "out/s.stl"], ["--plane", "z=0.3"], ["--plane", "z=0.6"]),
+    "average": (["in/m.xml", *STEPS, "-o", "out/m.fld"], [], ["--extrema"]),
+    "animate": (["in/m.xml", *STEPS, *PLANE, "-o", "out/a.webp"], ["--size", "20x16"], ["--size", "24x18"]),
+    "watch": (
+        ["in/m.xml", "in/s_*.chk", *PLANE, "--every", "0.05", "--idle", "0.1", "-o", "out/w.png"],
+        ["--size", "20x16"],
+        ["--size", "24x18"],
+    ),
+    "sample": (["wave", "-o", "out", "--overwrite"], [], []),
+    "view": (["in/m.xml", "in/m.fld", "--no-browser", "--idle", "0.2"], [], []),
+    "help": ([], [], ["geometry"]),
 }
+COUNTS = {"killed": 200, "interrupted": 100, "warm": 200 * len(COMMANDS), "disks": 200}
+#: folders of files that are written one by one: those of a report, and frames
+ALONE = ("report/", "-frames/")
 #: seconds that Python takes to come to the command, whatever happens until then
 START = 0.3
 
@@ -86,6 +103,7 @@ class Case:
     before: dict[str, bytes]
     after: dict[str, bytes]
     seconds: float
+    warm_seconds: float = 0.0
 
     @property
     def writes(self) -> bool:
@@ -94,9 +112,9 @@ class Case:
 
     @property
     def changing(self) -> set[str]:
-        """The names of its outputs, but for what a report holds besides its mark and its numbers."""
-        names = set(self.before) | set(self.after)
-        return {name for name in names if self.before.get(name) != self.after.get(name) and "report/" not in name}
+        """The names of its outputs, but for what a report holds besides its mark and its numbers, and for frames."""
+        names = {name for name in (*self.before, *self.after) if not any(part in name for part in ALONE)}
+        return {name for name in names if self.before.get(name) != self.after.get(name)}
 
 
 @dataclass
@@ -126,6 +144,8 @@ def inputs(folder: Path) -> None:
     bare = Dataset(grid(Shape.HEXAHEDRON, 3))
     data = replace(bare, fields=(approximated(bare, "u", lambda x: x[:, 0] * x[:, 1] ** 2, 4),))
     write(data, folder / "in" / "m.xml")
+    for number in range(2):
+        write(replace(data, time=float(number)), folder / "in" / "m.xml", folder / "in" / f"s_{number}.chk")
     points = "".join(f"{i / 999!r},0.5,0.25\n" for i in range(1000))
     (folder / "in" / "p.csv").write_text(f"x,y,z\n{points}")
 
@@ -163,14 +183,15 @@ def check(case: Case, folder: Path, tally: Tally, what: str, is_unit: bool) -> s
     strange = set(found) - set(case.before) - set(case.after)
     faults = [f"{name} should not be there" for name in strange]
     kinds = set()
-    for name in sorted(case.changing | set(case.before) - {name for name in case.before if "report/" in name}):
+    single = {name for name in case.before if any(part in name for part in ALONE)}
+    for name in sorted(case.changing | set(case.before) - single):
         if found.get(name) not in (case.before.get(name), case.after.get(name)):
             faults.append(f"{name} is neither old nor new")
         elif name in case.changing:
             kinds.add("old" if found.get(name) == case.before.get(name) else "new")
     if case.name == "compare":
         kinds.add(_report(case, found, faults))
-    if len(kinds) != 1 and is_unit and case.writes:
+    if len(kinds) != 1 and is_unit and case.changing:
         faults.append(f"outputs are {' and '.join(sorted(kinds))}")
     tally.faults += [f"{case.name} {what}: {fault}" for fault in faults]
     return " and ".join(sorted(kinds))
@@ -222,14 +243,31 @@ def interrupted(case: Case, folder: Path, dice: random.Random, tally: Tally) -> 
     at = dice.uniform(START, max(START, case.seconds))
     process = begun(case, folder, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler))
     time.sleep(at)
+    _interrupt(process, case, folder, tally, "interrupted", at)
+
+
+def warmed(case: Case, folder: Path, dice: random.Random, tally: Tally) -> None:
+    """The same while it works, of a process that need not import anything."""
+    at = dice.uniform(0, 1.02 * case.warm_seconds)
+    process = warm.Warm([case.name, *case.arguments], folder)
+    time.sleep(at)
+    _interrupt(process, case, folder, tally, "warm", at)
+
+
+def _interrupt(
+    process: subprocess.Popen[str] | warm.Warm, case: Case, folder: Path, tally: Tally, kind: str, at: float
+) -> None:
+    """Interrupt a process, and check how it ends and what it leaves."""
     process.send_signal(signal.SIGINT)
-    said = process.communicate()[1].strip()
-    what = f"interrupted after {at:.2f} s"
-    if (process.returncode, said) not in ((0, ""), (130, "elvis: error: interrupted")):
-        tally.faults.append(f"{case.name} {what}: status {process.returncode}, {said!r}")
+    lines = process.communicate()[1].strip().splitlines()
+    what = f"{kind} after {at:.3f} s"
+    *before, last = lines or [""]
+    is_known = (process.returncode, last) in ((0, ""), (130, "elvis: error: interrupted"))
+    if not is_known or not all(line.startswith("elvis: note: ") for line in before):
+        tally.faults.append(f"{case.name} {what}: status {process.returncode}, {lines}")
     kinds = check(case, folder, tally, what, True)
     _check_clean(case, folder, tally, what)
-    tally.counts["interrupted", f"status {process.returncode}, {kinds}"] += 1
+    tally.counts[kind, f"{case.name}: status {process.returncode}, {kinds}"] += 1
 
 
 def disks(case: Case, folder: Path, dice: random.Random, tally: Tally) -> None:
@@ -284,7 +322,17 @@ def place_for(kind: str):
                 subprocess.run(["umount", place], check=True)
 
 
-KINDS = {"killed": killed, "interrupted": interrupted, "disks": disks}
+def measure_warm(case: Case) -> None:
+    """Import here what the command needs, and measure how long a forked process takes."""
+    for _ in range(2):
+        with TemporaryDirectory() as place:
+            fill(Path(place), case.before)
+            start = time.perf_counter()
+            warm.inherit([case.name, *case.arguments], Path(place))
+            case.warm_seconds = time.perf_counter() - start
+
+
+KINDS = {"killed": killed, "interrupted": interrupted, "warm": warmed, "disks": disks}
 
 
 def run(counts: dict[str, int], seed: int, names: list[str]) -> Tally:
@@ -293,7 +341,9 @@ def run(counts: dict[str, int], seed: int, names: list[str]) -> Tally:
     for kind, count in counts.items():
         dice = random.Random(f"{kind} {seed}")
         # what only prints loses nothing when it is killed or a disk is full
-        chosen = [case for case in every if case.writes or kind == "interrupted"]
+        chosen = [case for case in every if case.writes or kind in ("interrupted", "warm")]
+        for case in chosen if kind == "warm" else ():
+            measure_warm(case)
         for number in range(count):
             case = chosen[number % len(chosen)]
             with place_for(kind) as folder:

@@ -10,24 +10,31 @@ import pytest
 
 from elvis import (
     Camera,
+    Clip,
+    Cone,
     Contours,
     CutSurface,
+    Cylinder,
     Dataset,
     Faces,
     Glyphs,
+    Implicit,
     Isosurface,
+    Lic,
     MeshLines,
     Plane,
     Sphere,
     Streamlines,
     Style,
     Transfer,
+    TriangleMesh,
     VolumeRendering,
+    render,
 )
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple
 from elvis.renderer.adapters import Adapter
-from elvis.renderer.device import SHADERS
+from elvis.renderer.device import SHADERS, Device
 from elvis.renderer.device_errors import DeviceError
 from elvis.renderer.kernel_failures import DRAWN, drawn_by, naming_what_fails
 
@@ -37,24 +44,76 @@ PLANE = Plane(CENTRE, (0.2, 0.1, 1.0))
 SEEDS = ("point:0.4,0.3,0.4", "point:0.6,0.5,0.6")
 FLOW = "u,v,w"
 HAZE = Transfer((-2.0, 3.0), (0.2, 2.0))
+STREAKS = Lic(FLOW, length=6.0)
 #: what stands for each kernel family; expressions that are not polynomials have other kernels than fields
 OBJECTS = {
     "cuts": (CutSurface(PLANE, Style(contours=Contours(count=3))), CutSurface(Sphere(CENTRE, 0.35))),
-    "faces": (Faces(style=Style(mesh_lines=MeshLines())),),
+    "cuts by other surfaces": (
+        CutSurface(Cylinder((0.5, 0.5, 0.0), (0.5, 0.5, 1.0), 0.3)),
+        CutSurface(Cone((0.5, 0.5, 1.2), (0.0, 0.0, -1.0), 20.0)),
+        CutSurface(TriangleMesh("blade.obj")),
+        CutSurface(Implicit("u - 0.7*v - 0.3")),
+    ),
+    "faces": (Faces(style=Style(mesh_lines=MeshLines(), contours=Contours(count=3))),),
+    "inner faces": (Faces(("inner",), Style(opacity=0.5)),),
+    "line integral convolution": (Faces(style=Style(lic=STREAKS)), CutSurface(PLANE, Style(lic=STREAKS))),
     "isosurface": (Isosurface((0.7,)),),
     "isosurface of an expression": (Isosurface((1.5,), "exp(u) - v"),),
     "volume": (VolumeRendering(HAZE),),
     "volume of an expression": (VolumeRendering(HAZE, "exp(u) - v"),),
     "volumes together": (VolumeRendering(HAZE), VolumeRendering(HAZE, "v")),
     "streamlines": (Streamlines(SEEDS, FLOW, length=0.5, radius=0.02),),
+    "ribbons": (Streamlines(SEEDS, FLOW, length=0.5, ribbon=0.2, arrows=0.2),),
+    "lines on a wall": (Streamlines(("boundary:all:2",), FLOW, wall="all", length=0.5, width=2.0),),
+    "vortex cores": (Streamlines(velocity="a,b,c", cores="acceleration", radius=0.05),),
     "arrows": (Glyphs(SEEDS, FLOW, length=0.2),),
+    "distances": (CutSurface(PLANE, Style(quantity="distance(all)")),),
+    "derivatives": (CutSurface(PLANE, Style(quantity="d(u, x)")),),
+}
+#: what is drawn without the regions in these clips
+CLIPPED = {
+    "clipped surfaces": (Faces(), CutSurface(PLANE)),
+    "clipped isosurface": OBJECTS["isosurface"],
+    "clipped volume": OBJECTS["volume"],
+    "clipped streamlines": OBJECTS["streamlines"],
+}
+CLIPS = (Clip(Sphere((1.0, 0.0, 1.0), 0.6)), Clip(Implicit("u - 0.7*v - 0.3")))
+FLOW_IN_PLANE = "u,v"
+SEEDS_IN_PLANE = ("point:0.4,0.3,0",)
+IN_PLANE = {
+    "faces": (Faces(style=Style(mesh_lines=MeshLines(), contours=Contours(count=3))),),
+    "line integral convolution": (Faces(style=Style(lic=Lic(FLOW_IN_PLANE, length=6.0))),),
+    "streamlines": (Streamlines(SEEDS_IN_PLANE, FLOW_IN_PLANE, length=0.5, width=2.0),),
+    "arrows": (Glyphs(SEEDS_IN_PLANE, FLOW_IN_PLANE, length=0.2),),
+    "distances": (Faces(style=Style(quantity="distance(all)")),),
 }
 #: kinds whose kernels are close to those of others
-AKIN = ("faces", "volume of an expression", "volumes together", "arrows")
-KINDS = [pytest.param(kind, marks=pytest.mark.thorough if kind in AKIN else ()) for kind in OBJECTS]
-SHAPES = [shape.name.lower() for shape in Shape.of_dimension(3)]
+AKIN = (
+    "cuts by other surfaces",
+    "inner faces",
+    "volume of an expression",
+    "volumes together",
+    "lines on a wall",
+    "arrows",
+    "distances",
+    "derivatives",
+    "clipped surfaces",
+    "clipped volume",
+    "clipped streamlines",
+)
 #: differences of rounding between two compilers
 CLOSE = 1e-12
+#: kernels of devices other than the CPU, and of commands that draw nothing
+ELSEWHERE = {"wave_lanes", "sample_elements"}
+
+
+def kinds(objects):
+    """The names of objects as parameters; thorough tests draw those whose kernels are close to others'."""
+    return [pytest.param(kind, marks=pytest.mark.thorough if kind in AKIN else ()) for kind in objects]
+
+
+def shapes(dimension):
+    return [shape.name.lower() for shape in Shape.of_dimension(dimension)]
 
 
 def wave(points):
@@ -62,30 +121,85 @@ def wave(points):
     return np.sin(2 * x + y) * np.cos(1.5 * z) + x
 
 
+def rotation(points):
+    """(n, 3) a rigid rotation with a speed along its axis."""
+    axis = np.array([0.3, 0.2, 1.0]) / np.linalg.norm([0.3, 0.2, 1.0])
+    return np.cross(axis, points - CENTRE) + axis
+
+
 @pytest.fixture(scope="module")
 def solution():
-    """Three smooth fields on a few curved elements of a shape."""
+    """Smooth fields u, v, w and a rotation a, b, c on a few curved elements of a shape."""
 
     def make(shape):
         mesh = curved(grid(Shape[shape.upper()], 1), ripple(0.04, seed=2), 2)
-        factors = {"u": 1.0, "v": 0.7, "w": 1.3}
-        fields = [approximated(Dataset(mesh), name, lambda x, f=f: wave(f * x), modes=4) for name, f in factors.items()]
-        return Dataset(mesh, tuple(fields))
+        bare = Dataset(mesh)
+        functions = {name: lambda x, f=f: wave(f * x) for name, f in (("u", 1.0), ("v", 0.7), ("w", 1.3))}
+        functions |= {name: lambda x, i=i: rotation(x)[:, i] for i, name in enumerate("abc")}
+        return Dataset(mesh, tuple(approximated(bare, name, own, modes=4) for name, own in functions.items()))
 
     return make
 
 
-@pytest.mark.sampled(free=("shape",))
-@pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_cpu_matches_vulkan(draw, solution, kind, shape):
-    frames = [draw(solution(shape), device, objects=OBJECTS[kind], **VIEW) for device in ("cpu", "vulkan")]
-    cpu, vulkan = frames
+@pytest.fixture(scope="module", autouse=True)
+def blade(tmp_path_factory):
+    """A triangle that cuts the domain, in the working folder."""
+    folder = tmp_path_factory.mktemp("blade")
+    (folder / "blade.obj").write_text("v -0.5 -0.5 0.4\nv 2.0 -0.5 0.5\nv -0.5 2.0 0.6\nf 1 2 3\n")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        yield
+
+
+def check_same_frames(draw, data, **scene):
+    """Check that the CPU and Vulkan draw the same, with an element and a value at each pixel."""
+    cpu, vulkan = (draw(data, device, **scene) for device in ("cpu", "vulkan"))
     assert np.ptp(vulkan.color, axis=(0, 1)).max() > 0.1
     assert np.array_equal(cpu.element, vulkan.element)
     assert np.array_equal(cpu.status, vulkan.status)
     for name in ("field", "depth", "color"):
         assert np.allclose(getattr(cpu, name), getattr(vulkan, name), rtol=CLOSE, atol=CLOSE, equal_nan=True), name
+
+
+@pytest.mark.sampled(free=("shape",))
+@pytest.mark.parametrize("shape", shapes(3))
+@pytest.mark.parametrize("kind", kinds(OBJECTS))
+def test_the_cpu_matches_vulkan(draw, solution, kind, shape):
+    check_same_frames(draw, solution(shape), objects=OBJECTS[kind], **VIEW)
+
+
+@pytest.mark.sampled(free=("shape",))
+@pytest.mark.parametrize("shape", shapes(3))
+@pytest.mark.parametrize("kind", kinds(CLIPPED))
+def test_the_cpu_clips_as_vulkan_does(draw, solution, kind, shape):
+    check_same_frames(draw, solution(shape), objects=CLIPPED[kind], clip=CLIPS, **VIEW)
+
+
+@pytest.mark.sampled(free=("shape",))
+@pytest.mark.parametrize("shape", shapes(2))
+@pytest.mark.parametrize("kind", kinds(IN_PLANE))
+def test_the_cpu_matches_vulkan_in_a_plane(draw, solution, kind, shape):
+    check_same_frames(draw, solution(shape), objects=IN_PLANE[kind], size=VIEW["size"])
+
+
+@pytest.mark.thorough
+@pytest.mark.own_devices
+def test_these_objects_need_every_kernel(solution, monkeypatch):
+    linked = set()
+    link = Device._link
+
+    def listed(device, stage, source):
+        linked.add(stage)
+        return link(device, stage, source)
+
+    monkeypatch.setattr(Device, "_link", listed)
+    scenes = [("hexahedron", {"objects": own, **VIEW}) for own in OBJECTS.values()]
+    scenes += [("hexahedron", {"objects": own, "clip": CLIPS, **VIEW}) for own in CLIPPED.values()]
+    scenes += [("quadrilateral", {"objects": own, "size": VIEW["size"]}) for own in IN_PLANE.values()]
+    for shape, scene in scenes:
+        render(solution(shape), field="u", device="cpu", **scene)
+    stages = {path.stem for folder in SHADERS for path in folder.glob("*.slang") if "numthreads" in path.read_text()}
+    assert linked == stages - ELSEWHERE
 
 
 DRAW_A_SPHERE = """

@@ -1,7 +1,10 @@
 """Who may look, and what the server gives."""
 
 import asyncio
+import errno
 import json
+import os
+import signal
 import socket
 import urllib.error
 import urllib.request
@@ -17,7 +20,7 @@ from elvis.core.errors import ElvisError
 from elvis.scene.files import read_scene
 from elvis.viewer import access
 from elvis.viewer.access import is_known_host
-from elvis.viewer.server import Server, serve
+from elvis.viewer.server import Server, cancelled_by_interrupt, serve
 
 
 def fetch(address, **headers):
@@ -201,6 +204,45 @@ def test_pages_write_only_permitted_files(viewer, tmp_path):
         assert "wrote" in asked(viewer, type="write", content={"name": name, "confirmed": True})["content"]
         assert (home / name).stat().st_ino != before
     assert read_scene(home / "below" / "scene.toml").data == viewer.session.scene.data
+
+
+def test_a_full_disk_is_reported_to_the_page(viewer, monkeypatch):
+    def full(descriptor):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    viewer.session.may_write = True
+    home = Path(viewer.session.scene.data[0]).parent
+    (home / "full.toml").write_text("before")
+    monkeypatch.setattr(os, "fsync", full)
+    answer = asked(viewer, type="write", content={"name": "full.toml", "confirmed": True})
+    assert answer["type"] == "error"
+    assert answer["text"].endswith("full.toml: cannot be written: No space left on device")
+    assert (home / "full.toml").read_text() == "before"
+    assert not list(home.glob(".elvis-*"))
+
+
+def test_an_interrupt_cancels_and_is_not_raised_in_a_task():
+    """Ctrl-C while a request is answered; a second one is an exception again."""
+    reached = []
+
+    def raise_interrupt(*_):
+        raise KeyboardInterrupt
+
+    async def main():
+        with cancelled_by_interrupt():
+            signal.raise_signal(signal.SIGINT)
+            reached.append(signal.getsignal(signal.SIGINT))
+            await asyncio.sleep(PATIENCE)
+
+    before = signal.signal(signal.SIGINT, raise_interrupt)
+    try:
+        with pytest.raises(asyncio.CancelledError):
+            asyncio.run(main())
+        assert signal.getsignal(signal.SIGINT) is raise_interrupt
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert reached
+    assert reached != [raise_interrupt]
 
 
 def test_nan_is_sent_to_the_page_as_null():

@@ -17,6 +17,7 @@ from math import isfinite
 from typing import Generic, TypeVar
 
 from elvis.core.errors import ElvisError
+from elvis.core.texts import check_name
 
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?)|(?P<name>[^\W\d]\w*)"
@@ -41,6 +42,8 @@ class Grammar(ABC, Generic[Value]):
         self._next = self._depth = 0
         if len(self._tokens) > _LONGEST:
             raise ElvisError(f"expected an expression of at most {_LONGEST} tokens, found {len(self._tokens)}")
+        for _, token, _ in self._tokens:
+            check_name(token.strip("\"'"), "a part of an expression")
 
     @abstractmethod
     def _number(self, value: float) -> Value:

@@ -33,6 +33,8 @@ _PAUSE = 0.002
 #: seconds that rank 0 of a run that fails waits for processes of other ranks, on this machine and on others
 _PATIENCE_HERE = 60.0
 _PATIENCE_ELSEWHERE = 0.5
+#: seconds that other ranks leave to rank 0 to abort a run: all get a Ctrl-C at the same time
+_PATIENCE_FIRST = 1.0
 #: tags of messages: a rank's result; its last message; the results of all; how rank 0 ended; direct messages; end of
 #: messages
 _FOUND, _LAST, _ALL, _END, _DIRECT, _CLOSED = 1, 2, 3, 4, 5, 6
@@ -279,7 +281,8 @@ class MpiRanks:
             sleep(_PAUSE)
 
     def abort(self, status: int) -> None:
-        """End all at once."""
+        """End all at once; rank 0 first, if it also does, as it alone prints why."""
+        sleep(_PATIENCE_FIRST if self.rank else 0)
         self._world.Abort(status)
 
     def _send(self, value: object, to: int, tag: int) -> None:

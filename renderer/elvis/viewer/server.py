@@ -9,8 +9,9 @@ import asyncio
 import json
 import re
 import secrets
-from collections.abc import Awaitable, Callable, Sequence
-from contextlib import suppress
+import signal
+from collections.abc import Awaitable, Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from html import escape
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
@@ -217,6 +218,33 @@ def _heed(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
     """Report unhandled errors of tasks, except connections that pages reset while aiohttp sends."""
     if not isinstance(context.get("exception"), ConnectionResetError):
         loop.default_exception_handler(context)
+
+
+@contextmanager
+def cancelled_by_interrupt() -> Iterator[None]:
+    """Let the first Ctrl-C cancel this task; as an exception it would be raised, and printed, in any of the tasks."""
+    task, loop, before = asyncio.current_task(), asyncio.get_running_loop(), signal.getsignal(signal.SIGINT)
+    if task is None or before is signal.SIG_IGN:
+        yield
+        return
+
+    def restore() -> None:
+        loop.remove_signal_handler(signal.SIGINT)
+        signal.signal(signal.SIGINT, before)
+
+    def end(task: asyncio.Task[Any]) -> None:
+        restore()
+        task.cancel()
+
+    try:
+        loop.add_signal_handler(signal.SIGINT, end, task)
+    except (NotImplementedError, RuntimeError, ValueError):  # Windows, and threads other than the main one
+        yield
+        return
+    try:
+        yield
+    finally:
+        restore()
 
 
 async def serve(

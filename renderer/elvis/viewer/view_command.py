@@ -72,7 +72,7 @@ def view(
     from elvis.scene.errors import SceneError
     from elvis.viewer.access import open_browser
     from elvis.viewer.moments import source_of
-    from elvis.viewer.server import Server, serve
+    from elvis.viewer.server import Server, cancelled_by_interrupt, serve
     from elvis.viewer.session import Session
 
     scene = composed(data, options, settings, LEAVING)
@@ -92,8 +92,9 @@ def view(
     async def run() -> None:
         source = source_of(scene, is_kept=not no_cache, is_live=live)
         server = Server(Session(scene, source, allow_writes, process), allow_hosts=allow_host)
-        # a run that goes on may have its first step later
-        await serve(server, host, port, opened, idle, needs_data=not live)
+        with cancelled_by_interrupt():
+            # a run that goes on may have its first step later
+            await serve(server, host, port, opened, idle, needs_data=not live)
 
-    with suppress(KeyboardInterrupt), ExitStack() as pages:
+    with suppress(KeyboardInterrupt, asyncio.CancelledError), ExitStack() as pages:
         asyncio.run(run())

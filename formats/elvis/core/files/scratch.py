@@ -86,6 +86,9 @@ def _make_folder(folder: Path) -> tuple[Path, int | None]:
             return own, _lock(own)
         except (BlockingIOError, FileNotFoundError):
             continue  # another process, which came between, took it for a leftover
+        except KeyboardInterrupt:
+            _discard(own, None)
+            raise
         except OSError:
             break
     return own, None
@@ -133,14 +136,25 @@ def _discard(own: Path, lock: int | None) -> None:
 
     The name of the lock is removed before it is released.  The creator of the folder, who waits for that lock, then
     finds it gone, and a new lock keeps the folder.  The folder goes last, since network file systems keep open files.
+    An interrupt takes effect afterwards.
     """
+    try:
+        _empty(own)
+    except KeyboardInterrupt:
+        _empty(own)
+        raise
+    finally:
+        if lock is not None:
+            os.close(lock)
+        with suppress(OSError):
+            own.rmdir()
+
+
+def _empty(own: Path) -> None:
+    """Remove what a scratch folder holds, the lock last."""
     for part in (own / "old", own / "new"):
         shutil.rmtree(part, ignore_errors=True)
         with suppress(OSError):
             part.unlink()
     with suppress(OSError):
         (own / "lock").unlink()
-    if lock is not None:
-        os.close(lock)
-    with suppress(OSError):
-        own.rmdir()
