@@ -17,7 +17,7 @@ help:
 	@echo "make docs    the site, in out/site: pages, reference of commands and Python, gallery, notebooks"
 	@echo "make bench   the benchmarks, a printed table"
 	@echo "make exactness   certain pixels against analytic expressions, ten million of them: hours"
-	@echo "make fuzz        a hundred thousand damaged files through every reader, 500 broken runs: an hour"
+	@echo "make fuzz        a hundred thousand damaged files through every reader, 4,300 broken runs, huge inputs: two hours"
 	@echo "make mutants     60 small changes of the code, and which of them the tests find: an hour (SEED=2: others)"
 	@echo "make setup   set up again, also the system packages"
 	@echo "make clean   remove everything that these commands made"
@@ -70,6 +70,8 @@ exactness: $(READY)
 fuzz: $(READY)
 	@$(RUN) tests/fuzz/run.py
 	@$(RUN) tests/fuzz/interruptions.py
+	@$(RUN) tests/fuzz/neighbours.py
+	@$(RUN) tests/fuzz/large.py
 
 mutants: $(READY)
 	@$(RUN) tests/mutation/mutants.py --jobs 2 $(if $(SEED),--seed $(SEED))

@@ -8,7 +8,10 @@ import pytest
 from click.testing import CliRunner
 from exodus_writer import ExodusBlock, unit_cubes, write_classic
 
-from elvis import integrate, read, trace, vortex_cores
+from elvis import from_arrays, integrate, read, trace, vortex_cores
+from elvis.core.interfaces import hanging
+from elvis.core.interfaces.feet import feet
+from elvis.core.interfaces.interface_composites import with_interfaces
 from elvis.core.mesh import NON_CONFORMING
 from elvis.plugins.command import elvis as group
 from elvis.plugins.faces.dataset_faces import native_faces
@@ -593,3 +596,23 @@ def test_duplicate_elements_are_named(tmp_path):
     # a surface whose parts meet at one edge is none of these
     pages = [ExodusBlock("pages", "SHELL4", np.concatenate([nodes[:, :4], nodes[:1, [0, 1, 5, 4]]]))]
     assert len(read(write_classic(tmp_path / "pages.e", pages, places)).remarks) == 1
+
+
+def test_sides_of_a_broken_mesh_stay_undecided(monkeypatch):
+    """If all sides may coincide, there is a sentence, and no search at many points of each side."""
+    counts = []
+
+    def counted(sides, which, world):
+        counts.append(len(which))
+        return feet(sides, which, world)
+
+    monkeypatch.setattr(hanging, "feet", counted)
+    corners = 2 * UNIT - 1
+    nested = corners * (1 - 0.01 * np.arange(8))[:, None, None]
+    fields = {"u": {"hexahedron": nested[..., 0]}}
+    dataset = from_arrays({"hexahedron": nested}, fields, reference={"hexahedron": corners})
+    counts.clear()
+    found = with_interfaces(dataset, dataset.mesh.composites[-1].name, precision=0.05)
+    assert counts[0] > 0
+    assert sum(counts[1:]) == 0
+    assert found.warnings[0].startswith("48 faces may lie on faces of other elements")

@@ -8,6 +8,7 @@ from PIL import Image
 from elvis import Dataset, Shape, read, write
 from elvis.core.testing import approximated, grid
 from elvis.plugins.command import elvis
+from elvis.plugins.running import Settings
 
 
 @pytest.fixture
@@ -58,6 +59,10 @@ def test_failures_are_summarised_and_other_files_continue(folder):
     assert "warning: run_3.fld: expected a file of a known format" in text
     assert "1 of 4 cases failed: run_3.fld" in text
     assert len(list(folder.glob("i_*"))) == 3
+    assert "Traceback" not in text
+    words = ["integrate", "mesh.xml", "run_*.fld", "--field", "u", "-o", "i_{stem}.csv", "--debug"]
+    done = CliRunner().invoke(elvis, words, obj=Settings(debug=False))
+    assert "Traceback" in done.output
 
 
 @pytest.mark.parametrize(

@@ -96,7 +96,7 @@ def run_cases(every: Sequence[Case], run: Callable[[Sequence[str]], object]) -> 
     Usage errors and interrupts end all.
     """
     from elvis.core.terminal import announce, warn
-    from elvis.plugins.running import sentence_of
+    from elvis.plugins.running import report_traceback, sentence_of
 
     failures: list[str] = []
     for number, case in enumerate(every, 1):
@@ -108,7 +108,8 @@ def run_cases(every: Sequence[Case], run: Callable[[Sequence[str]], object]) -> 
             status = end.code
         except (click.ClickException, click.Abort, BrokenPipeError):
             raise
-        except Exception as error:
+        except Exception as error:  # any failure of a case, also a bug, must leave the other cases
+            report_traceback(error)
             status, fault = 1, sentence_of(error)
         if fault or (isinstance(status, int) and status):
             fault = fault or f"exit status {status}"

@@ -101,7 +101,9 @@ def _opens(name: str, source: type[VolumeSource], paths: Sequence[Path], report:
     """Whether the plugin opens the files; one that raises doesn't."""
     try:
         return bool(source.opens(paths))
-    except Exception as error:
+    except MemoryError:
+        raise
+    except Exception as error:  # a plugin's own code may raise anything
         report(f"plugin {name} is skipped: for {paths[0]} it raises {type(error).__name__}: {error}")
         return False
 
@@ -112,5 +114,5 @@ def call_plugin(name: str, what: str, work: Callable[[], T]) -> T:
         return work()
     except (ElvisError, MemoryError):
         raise
-    except Exception as error:
+    except Exception as error:  # a plugin's own code may raise anything
         raise PluginError(f"plugin {name}: {what}: {type(error).__name__}: {error}") from error

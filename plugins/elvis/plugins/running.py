@@ -74,7 +74,7 @@ def _outcome(arguments: Sequence[str] | None, settings: Settings, interrupts: In
         return INTERRUPTED, "interrupted"
     except click.ClickException as error:
         return error.exit_code, _usage_sentence(error)
-    except Exception as error:
+    except Exception as error:  # also bugs and errors of libraries: each run ends with one sentence
         if settings.debug:
             sys.excepthook(type(error), error, error.__traceback__)
         is_broken = _forget_broken_stdout()
@@ -82,6 +82,14 @@ def _outcome(arguments: Sequence[str] | None, settings: Settings, interrupts: In
             return INTERRUPTED, "interrupted"  # which a library has made something else of
         return 1, f"standard output: {sentence_of(error)}" if is_broken else sentence_of(error)
     return status if isinstance(status, int) else 0, ""
+
+
+def report_traceback(error: Exception) -> None:
+    """Print the traceback of an error that the command continues after, with --debug."""
+    context = click.get_current_context(silent=True)
+    settings = context.find_object(Settings) if context else None
+    if settings is not None and settings.debug:
+        sys.excepthook(type(error), error, error.__traceback__)
 
 
 def sentence_of(error: Exception) -> str:

@@ -6,6 +6,7 @@ Everyone with the token may view and change the scene; addresses are relative, s
 from __future__ import annotations
 
 import asyncio
+import errno
 import json
 import re
 import secrets
@@ -82,8 +83,9 @@ class Server:
             self._listening = await loop.create_server(Connections(self._runner.server), host, port)
         except OSError as error:
             await self._runner.cleanup()
-            # asyncio gives no number where the host has no address of this machine
-            reason = error.strerror or "not an address of this machine"
+            # Python 3.13 gives no number if the host has no address of this machine, 3.10 a long text
+            is_foreign = error.errno in (None, errno.EADDRNOTAVAIL)
+            reason = "not an address of this machine" if is_foreign else error.strerror
             raise ElvisError(f"cannot listen on {host}:{port}: {reason}; see --host and --port") from error
         self.session.start()
         return int(self._listening.sockets[0].getsockname()[1])

@@ -21,7 +21,7 @@ STILL = 1e-13
 #: part of its trace that is added to the matrix of a step, which is singular where a side is collapsed
 DAMPING = 1e-14
 #: pairs of a point and a side that are evaluated together
-PAIRS = 1 << 15
+PAIRS = 1 << 13
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,7 +30,7 @@ NEAR = 0.06
 OPPOSITE = -0.9
 FACING = 0.5
 #: sides with whose boxes a point of a side is compared at most, in the mean
-MOST_OTHERS = 32
+MOST_OTHERS = 16
 #: part of the area that sides which touch one another may enclose, or leave open
 OPEN = 1e-9
 
@@ -85,7 +85,7 @@ def hanging(sides: SideSet, named: Bools, is_oriented: bool, precision: float) -
     # a first look at few points of each side
     possible = search.possible()
     probes, touched, covered = search.contacts(possible, 0)
-    likely = np.flatnonzero(covered)
+    likely = np.flatnonzero(covered & ~search.is_crowded)
     if not touched.any():
         return Hanging(sides.entity[collapsed], np.empty(0, np.int64))
 
@@ -134,6 +134,8 @@ class _Search:
     """Sides among which partners are sought.
 
     candidates  (n,) the sides that may be partners
+    is_crowded  (n,) whether `contacts` has found a side among so many others that it stays undecided: the boxes of
+                broken meshes all overlap
     """
 
     def __init__(self, sides: SideSet, candidates: Ints, named: Bools, is_oriented: bool, precision: float) -> None:
@@ -151,6 +153,7 @@ class _Search:
         self._tree = BoxTree.build(outward(self._low, self._high, 0.0))
         centres = np.zeros((len(sides), 2))
         self._normals = sides.normals(centres, np.arange(len(sides)))[0]
+        self.is_crowded = np.zeros(len(sides), bool)
 
     def possible(self) -> Ints:
         """Ascending sides whose boxes meet the box of another side that faces them."""
@@ -204,11 +207,11 @@ class _Search:
         possible = (side[point] != other) & self._may_face(side[point], other)
         if pairs is not None:
             possible &= np.isin(self._code(side[point], other), self._code(*pairs.T))
+        pairs_of_sides = np.bincount(which[point[possible]], minlength=len(chosen))
+        is_crowded = pairs_of_sides > MOST_OTHERS * np.bincount(which, minlength=len(chosen))
+        self.is_crowded[chosen] |= is_crowded
         if is_limited:
-            # if boxes of broken meshes all overlap, sides stay undecided
-            pairs_of_sides = np.bincount(which[point[possible]], minlength=len(chosen))
-            is_clear = pairs_of_sides <= MOST_OTHERS * np.bincount(which, minlength=len(chosen))
-            possible &= is_clear[which[point]]
+            possible &= ~is_crowded[which[point]]
         return point[possible], other[possible]
 
     def _code(self, side: Ints, other: Ints) -> Ints:

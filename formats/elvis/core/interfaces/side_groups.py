@@ -12,6 +12,7 @@ from elvis.core.dataset import Dataset, Expansion
 from elvis.core.distances.boundaries import side_coefficients, sides_of
 from elvis.core.distances.surface_patches import CORNERS, WHOLE, SurfacePatches
 from elvis.core.geometry import Assembly, GeometryBlock, mapping
+from elvis.core.mapping.orientation import chunks
 from elvis.core.polynomials.expansion import values_and_gradients
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.shapes import Shape
@@ -22,6 +23,8 @@ COLLAPSED = 1e-12
 TOWARDS_CORNERS = 0.7
 #: reference coordinates by which a point beyond a side still counts as on it
 BORDER = 1e-8
+#: values of modes whose gradients are evaluated together
+GRADIENTS = 1 << 18
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +135,9 @@ class SideSet:
         """(k, 3) normals into the element at points (k, 2) of ``sides`` (k,), and (k,) area factors."""
         found, factors = np.empty((len(sides), 3)), np.empty(len(sides))
         for group, here in self.parted(sides):
-            found[here], factors[here] = group.normals(points[here], self.row[sides[here]])
+            for part in chunks(len(here), max(1, GRADIENTS // group.coefficients.shape[2])):
+                own = here[part]
+                found[own], factors[own] = group.normals(points[own], self.row[sides[own]])
         return found, factors
 
     def factors(self, points: Floats, sides: Ints) -> Floats:
