@@ -92,6 +92,8 @@ COUNTS = {"killed": 200, "interrupted": 100, "warm": 200 * len(COMMANDS), "disks
 ALONE = ("report/", "-frames/")
 #: seconds that Python takes to come to the command, whatever happens until then
 START = 0.3
+#: seconds that a forked process takes to come to the command
+FORK = 0.01
 
 
 @dataclass
@@ -248,7 +250,7 @@ def interrupted(case: Case, folder: Path, dice: random.Random, tally: Tally) -> 
 
 def warmed(case: Case, folder: Path, dice: random.Random, tally: Tally) -> None:
     """The same while it works, of a process that need not import anything."""
-    at = dice.uniform(0, 1.02 * case.warm_seconds)
+    at = dice.uniform(FORK, max(FORK, 1.02 * case.warm_seconds))
     process = warm.Warm([case.name, *case.arguments], folder)
     time.sleep(at)
     _interrupt(process, case, folder, tally, "warm", at)

@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import sys
+import traceback
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
@@ -47,31 +48,40 @@ def inherit(words: Sequence[str], folder: Path) -> None:
     process = Warm(words, folder, write_end)
     os.close(write_end)
     with os.fdopen(read_end, "rb") as stream:
-        names = json.loads(stream.read())
+        names = stream.read()
     _, text = process.communicate()
-    if process.returncode:
-        raise SystemExit(f"{' '.join(words)} fails: {text}")
-    for name in names:
+    if process.returncode or not names:
+        raise SystemExit(f"{' '.join(words)} ends with status {process.returncode}: {text}")
+    for name in json.loads(names):
         if name.partition(".")[0] in INHERITED and name not in sys.modules:
             import_module(name)
 
 
 def _work(words: Sequence[str], folder: Path, messages: int, modules: int | None) -> None:
     """Run the command as a process does, and end."""
-    nothing = os.open(os.devnull, os.O_RDWR)
-    for number, own in ((0, nothing), (1, nothing), (2, messages)):
-        os.dup2(own, number)
-    os.chdir(folder)
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    sys.argv = ["elvis", *words]
     status: object = 1
     try:
+        _prepare(words, folder, messages)
         main()
     except SystemExit as end:
         status = end.code or 0
+    except BaseException:
+        traceback.print_exc()
     if modules is not None:
         with os.fdopen(modules, "wb") as stream:
             stream.write(json.dumps(list(sys.modules)).encode())
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(status if isinstance(status, int) else 1)
+
+
+def _prepare(words: Sequence[str], folder: Path, messages: int) -> None:
+    """Let this process have the streams, the folder and the words of a command; then interrupts are exceptions."""
+    nothing = os.open(os.devnull, os.O_RDWR)
+    for number, own in ((0, nothing), (1, nothing), (2, messages)):
+        os.dup2(own, number)
+    sys.stdin = open(0, closefd=False)  # noqa: SIM115
+    sys.stdout, sys.stderr = (open(number, "w", closefd=False) for number in (1, 2))  # noqa: SIM115
+    os.chdir(folder)
+    sys.argv = ["elvis", *words]
+    signal.signal(signal.SIGINT, signal.default_int_handler)
