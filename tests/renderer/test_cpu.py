@@ -103,6 +103,9 @@ AKIN = (
 )
 #: differences of rounding between two compilers
 CLOSE = 1e-12
+#: the same of shades of isosurfaces of expressions, whose normals are derivatives of polynomials that are fitted on
+#: small parts of elements: rounding is divided by the size of the part
+CLOSE_SHADES = 1e-9
 #: kernels of devices other than the CPU, and of commands that draw nothing
 ELSEWHERE = {"wave_lanes", "sample_elements"}
 
@@ -151,21 +154,22 @@ def blade(tmp_path_factory):
         yield
 
 
-def check_same_frames(draw, data, **scene):
-    """Check that the CPU and Vulkan draw the same, with an element and a value at each pixel."""
+def check_same_frames(draw, data, shades=CLOSE, **scene):
+    """Check that the CPU and Vulkan draw the same elements, statuses, values, depths, and colours up to ``shades``."""
     cpu, vulkan = (draw(data, device, **scene) for device in ("cpu", "vulkan"))
     assert np.ptp(vulkan.color, axis=(0, 1)).max() > 0.1
     assert np.array_equal(cpu.element, vulkan.element)
     assert np.array_equal(cpu.status, vulkan.status)
-    for name in ("field", "depth", "color"):
-        assert np.allclose(getattr(cpu, name), getattr(vulkan, name), rtol=CLOSE, atol=CLOSE, equal_nan=True), name
+    for name, close in (("field", CLOSE), ("depth", CLOSE), ("color", shades)):
+        assert np.allclose(getattr(cpu, name), getattr(vulkan, name), rtol=close, atol=close, equal_nan=True), name
 
 
 @pytest.mark.sampled(free=("shape",))
 @pytest.mark.parametrize("shape", shapes(3))
 @pytest.mark.parametrize("kind", kinds(OBJECTS))
 def test_the_cpu_matches_vulkan(draw, solution, kind, shape):
-    check_same_frames(draw, solution(shape), objects=OBJECTS[kind], **VIEW)
+    shades = CLOSE_SHADES if kind == "isosurface of an expression" else CLOSE
+    check_same_frames(draw, solution(shape), shades, objects=OBJECTS[kind], **VIEW)
 
 
 @pytest.mark.sampled(free=("shape",))
