@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 from numpy.polynomial import chebyshev
 
-from elvis.core.arrays import Floats
+from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.chebyshev_models import model as models
 from elvis.core.chebyshev_models.expression_models import BoxLeaves, has_models, model_of
 from elvis.core.chebyshev_models.level_search import LevelSearch, ModelBoxes, ShapeFacets, half_along
@@ -85,7 +87,7 @@ def differences(text: str, count: int, half: float, seed: int) -> tuple[Floats, 
     """(ORDERS, boxes) largest differences found between a quantity and its model, and the bounds of them, in x."""
     root, series, scale = root_of(text), random_series(2, 4, seed), 1.0 / (ROOM * half)
     exact = np.zeros(series.shape[:2])
-    model = model_of(root, BoxLeaves(NAMES, series, exact, exact, scale, count))
+    model = model_of(root, BoxLeaves(NAMES, series, exact, exact, 1.0, exact, scale, count))
     inner, step = REACH / ROOM, 1e-4
     points = np.random.default_rng(seed + 1).uniform(-inner, inner, (200, 3))
     points[:100] = inner * np.sign(points[:100])
@@ -102,6 +104,34 @@ def differences(text: str, count: int, half: float, seed: int) -> tuple[Floats, 
             found[1, box] = max(found[1, box], np.abs(after - before).max() / (2 * step))
             found[2, box] = max(found[2, box], np.abs(after - 2 * here + before).max() / step**2)
     return found, model.remainder
+
+
+def exact_leaves(series: Floats, count: int) -> BoxLeaves:
+    """Leaves of one box without errors."""
+    exact = np.zeros(series.shape[:2])
+    return BoxLeaves(NAMES, series, exact, exact, 1.0, exact, 1.0, count)
+
+
+@dataclass(frozen=True, eq=False)
+class Whole:
+    """Elements with exact series (n, 5, size three times) on their whole cubes."""
+
+    series: Floats
+
+    @property
+    def finite(self) -> Bools:
+        """(n,) which of them have only finite numbers."""
+        return np.asarray(np.isfinite(self.series).all(axis=(1, 2, 3, 4)))
+
+    def boxes(self, rows: Ints, centre: Floats, half: float) -> ModelBoxes:
+        """A box of some elements, by bisection."""
+        own = self.series[rows]
+        found = ModelBoxes.fresh(rows, np.zeros((len(rows), 3)), np.ones(len(rows)), own, np.zeros(own.shape[:2]))
+        while found.half[0] > half:
+            sides = np.where(centre > found.centre[0], 1, -1)
+            eighths = found.eighths(ShapeFacets(CUBE))
+            found = eighths.part(((eighths.centre - found.centre[0]) * sides > 0).all(axis=1))
+        return found
 
 
 @pytest.mark.parametrize("text", EXPRESSIONS)
@@ -123,7 +153,7 @@ def test_terms_beyond_the_lattice_are_needed(text: str, monkeypatch: pytest.Monk
 
 def test_products_carry_the_remainders_of_their_factors() -> None:
     series = random_series(1, 4, 3)
-    leaves = BoxLeaves(NAMES, series, np.zeros((1, 5)), np.zeros((1, 5)), 1.0, 12)
+    leaves = exact_leaves(series, 12)
     factor = leaves.value(3)
     for remainder, error in ((0.25, 0.0), (0.0, 0.125)):
         inexact = models.ChebyshevModel(factor.values, np.full((ORDERS, 1), remainder), np.full(1, error))
@@ -138,7 +168,7 @@ def test_products_carry_the_remainders_of_their_factors() -> None:
 
 def test_reciprocals_of_vanishing_functions_have_no_model() -> None:
     series = random_series(1, 4, 3)
-    leaves = BoxLeaves(NAMES, series, np.zeros((1, 5)), np.zeros((1, 5)), 1.0, 8)
+    leaves = exact_leaves(series, 8)
     assert np.isinf(leaves.value(0).reciprocal().remainder).all()
 
 
@@ -156,9 +186,8 @@ def test_boxes_contain_the_whole_level_set() -> None:
     root, level = root_of("d(u,x)*d(v,y)-d(u,y)*d(v,x)"), 0.05
     series = random_series(2, 3, 11)
     exact = np.zeros(series.shape[:2])
-    elements = ModelBoxes(np.arange(2), np.zeros((2, 3)), np.ones(2), series, exact)
     search = LevelSearch(root, NAMES, exact, ShapeFacets(CUBE), 7)
-    boxes = search.find(elements, level)
+    boxes = search.find(Whole(series), level)
     assert len(boxes.unmodelled) == 0
     assert len(boxes) > 0
     line = np.linspace(-1, 1, 24)
@@ -189,8 +218,7 @@ def test_elements_with_nan_or_flat_maps_have_no_model() -> None:
     series[1, 3] = np.nan
     series[2, 2] = 0.0
     exact = np.zeros(series.shape[:2])
-    elements = ModelBoxes(np.arange(3), np.zeros((3, 3)), np.ones(3), series, exact)
-    boxes = LevelSearch(root_of("d(u,x)"), NAMES, exact, ShapeFacets(CUBE), 7).find(elements, 0.05)
+    boxes = LevelSearch(root_of("d(u,x)"), NAMES, exact, ShapeFacets(CUBE), 7).find(Whole(series), 0.05)
     assert boxes.unmodelled.tolist() == [1, 2]
     assert set(boxes.element) <= {0}
 

@@ -44,7 +44,9 @@ class BoxLeaves:
     names   of the fields
     series  (n, 3 + fields, degree + 1 three times) Chebyshev coefficients: x, y, z and the fields
     errors  (n, 3 + fields) how far values that are computed in an element may be from the true ones
-    off     (n, 3 + fields) how far the series may be from the leaves
+    off     (n, 3 + fields) how far the series, on larger boxes, from which these are restricted may be from the leaves
+    narrow  half sides of the boxes relative to those larger ones
+    own     (n, 3 + fields) how far the restricted series may be from the larger ones
     scale   derivatives along a box's x over those along the coordinates of its element
     count   nodes of a line
     """
@@ -53,6 +55,8 @@ class BoxLeaves:
     series: Floats
     errors: Floats
     off: Floats
+    narrow: float
+    own: Floats
     scale: float
     count: int
     _known: dict[object, ChebyshevModel] = field(default_factory=dict)
@@ -70,21 +74,28 @@ class BoxLeaves:
         return self._known[key]
 
     def _evaluated(self, leaf: int, orders: tuple[int, ...]) -> ChebyshevModel:
-        own = self.series[:, leaf]
-        size = own.shape[-1]
+        coefficients = self.series[:, leaf]
+        size = coefficients.shape[-1]
         error, order = self.errors[:, leaf], int(any(orders))
         if order:
             # derivatives of Bernstein polynomials are differences of coefficients, times their degree
-            own = self.scale * slopes_of(own, orders.index(1))
+            coefficients = self.scale * slopes_of(coefficients, orders.index(1))
             error = 2.0 * (size - 1) * error
+        shells = np.pad(shells_of(coefficients), ((0, 0), (0, self.count - size)))
+        values = along_axes(coefficients, *3 * [values_at(self.count, size)])
+        return ChebyshevModel(values, self._remainder(leaf, order), error, shells)
 
-        # the difference to the true leaf is a polynomial of the same degree, as are its derivatives
-        total = np.abs(self.series[:, leaf]).reshape(len(own), -1).sum(axis=1)
-        off = self.off[:, leaf] + sum_rounding(size) * total
-        remainder = np.stack([off * steepness(size, k + order) * self.scale**order for k in range(ORDERS)])
-        shells = np.pad(shells_of(own), ((0, 0), (0, self.count - size)))
-        values = along_axes(own, *3 * [values_at(self.count, size)])
-        return ChebyshevModel(values, remainder, error, shells)
+    def _remainder(self, leaf: int, order: int) -> Floats:
+        """(ORDERS, n) errors of the series of a leaf, or of its derivatives, and of the derivatives of these errors.
+
+        The difference to the true leaf is a polynomial of the same degree.  A derivative along the coordinates of a
+        box is smaller than one along those of a larger box, by the ratio of their sides.
+        """
+        size = self.series.shape[-1]
+        total = np.abs(self.series[:, leaf]).reshape(len(self.series), size**3).sum(axis=1)
+        off, own = self.off[:, leaf], self.own[:, leaf] + sum_rounding(size) * total
+        steep = [steepness(size, k + order) * self.scale**order for k in range(ORDERS)]
+        return np.stack([steep[k] * (self.narrow ** (k + order) * off + own) for k in range(ORDERS)])
 
     def cofactor(self, direction: int, axis: int) -> ChebyshevModel:
         """An entry of the matrix of cofactors of the map: the gradient of a coordinate times the determinant."""

@@ -11,7 +11,8 @@ Restricting a series to an eighth of its box is exact but for rounding.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -56,10 +57,12 @@ _EIGHTHS = tuple((x, y, z) for z in (-1, 1) for y in (-1, 1) for x in (-1, 1))
 class ModelBoxes:
     """Boxes of elements, in the coordinates of the cubes that hold them, with series in x = s / ROOM.
 
-    element  (n,) rows of elements
-    centre   (n, 3) and half (n,) half sides
-    leaves   (n, 3 + fields, degree + 1 three times) series of the map and of fields
-    off      (n, 3 + fields) how far these may be from the true ones
+    element   (n,) rows of elements
+    centre    (n, 3) and half (n,) half sides
+    leaves    (n, 3 + fields, degree + 1 three times) series of the map and of fields
+    off       (n, 3 + fields) maximum error of the series from which these were restricted
+    wide      (n,) half sides of the boxes of those series: the error is a polynomial there
+    rounding  (n, 3 + fields) maximum error that restrictions added
     """
 
     element: Ints
@@ -67,39 +70,68 @@ class ModelBoxes:
     half: Floats
     leaves: Floats
     off: Floats
+    wide: Floats
+    rounding: Floats
+
+    @staticmethod
+    def fresh(element: Ints, centre: Floats, half: Floats, leaves: Floats, off: Floats) -> ModelBoxes:
+        """Boxes with series of their own."""
+        return ModelBoxes(element, centre, half, leaves, off, half, np.zeros_like(off))
 
     def __len__(self) -> int:
         return len(self.element)
 
     def part(self, rows: Ints | Bools) -> ModelBoxes:
         """Some of the boxes."""
-        return ModelBoxes(self.element[rows], self.centre[rows], self.half[rows], self.leaves[rows], self.off[rows])
+        return ModelBoxes(*(getattr(self, own.name)[rows] for own in fields(self)))
 
     def eighths(self, inside: ShapeFacets) -> ModelBoxes:
         """Eighths of all boxes that may lie in their elements."""
-        parts = [self.eighth(sides) for sides in _EIGHTHS]
+        parts = [self._eighth(sides) for sides in _EIGHTHS]
         found = joined(parts)
         return found.part(inside.holds(found.centre, found.half))
 
     def of_map(self) -> ModelBoxes:
         """The boxes with only the map."""
-        return ModelBoxes(self.element, self.centre, self.half, self.leaves[:, :3], self.off[:, :3])
+        own = {name: getattr(self, name)[:, :3] for name in ("leaves", "off", "rounding")}
+        return replace(self, **own)
+
+    @property
+    def error(self) -> Floats:
+        """(n, 3 + fields) maximum error of the series."""
+        return self.off + self.rounding
 
     def moved(self, axis: int, side: int) -> ModelBoxes:
         """The halves along an axis on one side; the sizes are not updated."""
         centre = self.centre.copy()
         centre[:, axis] += 0.5 * side * self.half
-        totals = np.abs(self.leaves).sum(axis=(2, 3, 4))
-        off = self.off + 2.0 * sum_rounding(self.leaves.shape[-1]) * totals
-        return ModelBoxes(self.element, centre, self.half, half_along(self.leaves, axis, side), off)
+        return replace(
+            self, centre=centre, leaves=half_along(self.leaves, axis, side), rounding=self._rounding_of_parts
+        )
 
-    def eighth(self, sides: tuple[int, int, int]) -> ModelBoxes:
+    def _eighth(self, sides: tuple[int, int, int]) -> ModelBoxes:
         """The eighth of each box on these sides."""
         half = 0.5 * self.half
         centre = self.centre + half[:, None] * np.array(sides)
+        leaves = restricted(self.leaves, sides)
+        return replace(self, centre=centre, half=half, leaves=leaves, rounding=self._rounding_of_parts)
+
+    @property
+    def _rounding_of_parts(self) -> Floats:
+        """The rounding of series on parts of the boxes."""
         totals = np.abs(self.leaves).sum(axis=(2, 3, 4))
-        off = self.off + 2.0 * sum_rounding(self.leaves.shape[-1]) * totals
-        return ModelBoxes(self.element, centre, half, restricted(self.leaves, sides), off)
+        return np.asarray(self.rounding + 2.0 * sum_rounding(self.leaves.shape[-1]) * totals)
+
+
+class ElementSeries(Protocol):
+    """Elements whose maps and fields have series on any box of their cubes."""
+
+    @property
+    def finite(self) -> Bools:
+        """(n,) which of them have only finite numbers."""
+
+    def boxes(self, rows: Ints, centre: Floats, half: float) -> ModelBoxes:
+        """The box with this centre (3,) and half side in some elements."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,13 +182,7 @@ def in_batches(boxes: ModelBoxes, count: int) -> Iterator[ModelBoxes]:
 
 def joined(parts: list[ModelBoxes]) -> ModelBoxes:
     """The boxes of several."""
-    return ModelBoxes(
-        np.concatenate([part.element for part in parts]),
-        np.concatenate([part.centre for part in parts]),
-        np.concatenate([part.half for part in parts]),
-        np.concatenate([part.leaves for part in parts]),
-        np.concatenate([part.off for part in parts]),
-    )
+    return ModelBoxes(*(np.concatenate([getattr(part, own.name) for part in parts]) for own in fields(ModelBoxes)))
 
 
 def half_along(series: Floats, axis: int, side: int) -> Floats:
@@ -194,31 +220,37 @@ class LevelSearch:
     inside: ShapeFacets
     degree: int
 
-    def find(self, elements: ModelBoxes, level: float) -> SeriesBoxes:
+    def find(self, elements: ElementSeries, level: float) -> SeriesBoxes:
         """The boxes of elements that may hold a level."""
-        finite = np.isfinite(elements.leaves).all(axis=(1, 2, 3, 4))
-        found = [self._none(elements.element[~finite])]
-        elements = elements.part(finite)
+        finite = elements.finite
+        found = [self._none(np.flatnonzero(~finite))]
+        rows = np.flatnonzero(finite)
         # infinite remainders become NaN when combined; neither ever counts as small
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-            halvings, count = self._plan(elements) if len(elements) else _PLANS[0]
-            for boxes in in_batches(elements, _AT_ONCE):
-                for _ in range(halvings):
-                    boxes = boxes.eighths(self.inside)
-                found.extend(self._search(boxes, level, count, _MOST_MORE_HALVINGS))
+            halvings, count = self._plan(elements, rows) if len(rows) else _PLANS[0]
+            for some in np.array_split(rows, -(-len(rows) // _AT_ONCE)) if len(rows) else []:
+                for centre in self._centres(halvings):
+                    boxes = elements.boxes(some, centre, 0.5**halvings)
+                    found.extend(self._search(boxes, level, count, _MOST_MORE_HALVINGS))
         return _together(found)
 
-    def _plan(self, elements: ModelBoxes) -> tuple[int, int]:
+    def _centres(self, halvings: int) -> Floats:
+        """(m, 3) centres of the boxes of a bisected cube that may lie in the shape."""
+        count = 2**halvings
+        line = (2.0 * np.arange(count) + 1.0) / count - 1.0
+        centres = np.stack(np.meshgrid(line, line, line), axis=-1).reshape(-1, 3)
+        return centres[self.inside.holds(centres, np.full(len(centres), 1.0 / count))]
+
+    def _plan(self, elements: ElementSeries, rows: Ints) -> tuple[int, int]:
         """Halvings of elements' boxes and nodes of a line with which most models of some elements are good enough."""
-        tried = elements.part(np.unique(np.linspace(0, len(elements) - 1, _TRIED).astype(np.int64)))
+        tried = rows[np.unique(np.linspace(0, len(rows) - 1, _TRIED).astype(np.int64))]
         # the first eighth is within all shapes, others meet them at least
         sides = np.random.default_rng(1).choice((-1, 1), size=(max(_PLANS)[0], 3))
         sides[0] = -1
         good = []
         for halvings, count in _PLANS:
-            boxes = tried
-            for own in sides[:halvings]:
-                boxes = boxes.eighth(tuple(own))
+            centre = 0.5 ** np.arange(1, halvings + 1) @ sides[:halvings]
+            boxes = elements.boxes(tried, centre, 0.5**halvings)
             good.append(self._models(boxes, count).is_good.mean())
             if good[-1] == 1.0:
                 break
@@ -239,7 +271,9 @@ class LevelSearch:
     def _models(self, boxes: ModelBoxes, count: int) -> _ModelledBoxes:
         """The models of the quantity on boxes of one size."""
         scale = 1.0 / (ROOM * boxes.half[0])
-        leaves = BoxLeaves(self.names, boxes.leaves, self.errors[boxes.element], boxes.off, scale, count)
+        errors = self.errors[boxes.element]
+        narrow = boxes.half[0] / boxes.wide[0]
+        leaves = BoxLeaves(self.names, boxes.leaves, errors, boxes.off, narrow, boxes.rounding, scale, count)
         model = model_of(self.root, leaves)
         # values at the nodes are rounded, so the series has an error polynomial of its degree
         steep = np.array([steepness(count, order) for order in range(ORDERS)])
@@ -360,7 +394,7 @@ class _ModelledBoxes:
         in_box = misfit.T / ROOM ** np.arange(ORDERS)
         # kernels sum these series: the rounding of that counts as well
         summed = kernel_rounding(size) * np.abs(series).sum(axis=(2, 3, 4))
-        places = (boxes.off[:, :3] + left_out + summed[:, :3]).sum(axis=1)
+        places = (boxes.error[:, :3] + left_out + summed[:, :3]).sum(axis=1)
         error = self.error + summed[:, 3]
         return SeriesBoxes(
             boxes.element, boxes.centre, boxes.half, series, in_box, error, places, np.zeros(0, np.int64)

@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.chebyshev_models.expression_models import has_models
 from elvis.core.chebyshev_models.level_search import LevelSearch, ModelBoxes, SeriesBoxes, ShapeFacets
 from elvis.core.chebyshev_models.series import (
     ROOM,
     along_axes,
+    amplification,
     coefficients_of,
     nodes,
-    sum_rounding,
-    to_coefficients,
+    transform_rounding,
 )
 from elvis.core.mapping.margins import facets
 from elvis.core.patch import Patch
@@ -66,32 +66,26 @@ class LevelModels:
         """The boxes of elements that may hold a level."""
         low, high = self.ends()
         rows = np.flatnonzero(~((low > level) | (high < level)))
-        leaves, rounding = self._leaves(rows)
-        elements = ModelBoxes(np.arange(len(rows)), np.zeros((len(rows), 3)), np.ones(len(rows)), leaves, rounding)
         normals, offsets = facets(self.geometry.shape)
         inside = ShapeFacets(np.column_stack([normals, offsets]))
         degree = max(_LEAST_DEGREE, *self.geometry.degrees)
         search = LevelSearch(self.expression.root, self.expression.fields, self.errors()[rows], inside, degree)
-        found = search.find(elements, level)
+        found = search.find(self._elements(rows), level)
         return replace(found, element=rows[found.element], unmodelled=rows[found.unmodelled])
 
-    @property
-    def _nodes_of_line(self) -> int:
-        return max(*self.geometry.degrees, *self.fields.degrees) + 1
-
-    def _leaves(self, rows: Ints) -> tuple[Floats, Floats]:
-        """(n, leaves, nodes three times) series of x, y, z and the fields on some elements; their rounding."""
-        count = self._nodes_of_line
-        leaves = np.empty((len(rows), 3 + len(self.expression.fields), count, count, count))
-        rounding = np.empty(leaves.shape[:2])
+    def _elements(self, rows: Ints) -> ElementNets:
+        """Bernstein coefficients of some elements."""
+        maps = np.empty((len(rows), 3, self.geometry.count))
+        values = np.empty((len(rows), len(self.expression.fields), self.fields.count))
         firsts = np.cumsum([0, *map(len, self.patches)])
         for patch, first in zip(self.patches, firsts, strict=False):
             own = np.flatnonzero((rows >= first) & (rows < first + len(patch)))
             for some in np.array_split(own, -(-len(own) // _AT_ONCE)) if len(own) else []:
-                for leaf, net in enumerate(self._nets(patch, rows[some] - first)):
-                    space = self.fields if leaf > 2 else self.geometry
-                    leaves[some, leaf], rounding[some, leaf] = series_of(space, net, count)
-        return leaves, rounding
+                nets = self._nets(patch, rows[some] - first)
+                maps[some] = np.stack(nets[:3], axis=1)
+                for number, net in enumerate(nets[3:]):
+                    values[some, number] = net
+        return ElementNets((self.geometry, self.fields), (maps, values))
 
     def _nets(self, patch: Patch, rows: Ints) -> list[Floats]:
         """(n, count) Bernstein coefficients of x, y, z and the fields of some elements of a patch."""
@@ -110,33 +104,67 @@ class LevelModels:
         return [*maps, *fields]
 
 
-def series_of(space: BernsteinSpace, nets: Floats, count: int) -> tuple[Floats, Floats]:
-    """Series (n, count three times) of polynomials with Bernstein nets (n, m), and how far they may be off (n,).
+@dataclass(frozen=True, eq=False)
+class ElementNets:
+    """Elements by the Bernstein coefficients of their maps and of fields.
 
-    Both steps, to values and to coefficients, are off by the rounding of their sums, in proportion to the sums of
-    magnitudes; what the first does goes through the second.
+    spaces  of the maps and of the fields
+    nets    (n, 3, count) and (n, fields, count)
     """
-    values, lost = _values(space, nets, count)
-    sizes = _absolute_coefficients(lost + sum_rounding(count) * np.abs(values))
-    return coefficients_of(values), sizes.sum(axis=(1, 2, 3))
+
+    spaces: tuple[BernsteinSpace, BernsteinSpace]
+    nets: tuple[Floats, Floats]
+
+    @property
+    def finite(self) -> Bools:
+        """(n,) which elements have only finite coefficients."""
+        maps, values = (np.isfinite(net).all(axis=(1, 2)) for net in self.nets)
+        return np.asarray(maps & values)
+
+    def boxes(self, rows: Ints, centre: Floats, half: float) -> ModelBoxes:
+        """The box with this centre (3,) and half side in some elements, with series from values in the box itself."""
+        count = max(degree for space in self.spaces for degree in space.degrees) + 1
+        found = [
+            series_of(space, net[rows].reshape(-1, space.count), count, centre, half)
+            for space, net in zip(self.spaces, self.nets, strict=True)
+        ]
+        leaves = [series.reshape(len(rows), -1, count, count, count) for series, _ in found]
+        off = [errors.reshape(len(rows), -1) for _, errors in found]
+        centres = np.tile(centre, (len(rows), 1))
+        sides = np.full(len(rows), half)
+        return ModelBoxes.fresh(rows, centres, sides, np.concatenate(leaves, axis=1), np.concatenate(off, axis=1))
 
 
-def _absolute_coefficients(values: Floats) -> Floats:
-    """Sums (n, count three times) of the magnitudes that make coefficients."""
-    matrix = np.abs(to_coefficients(values.shape[-1]))
-    return along_axes(values, matrix, matrix, matrix)
+def series_of(space: BernsteinSpace, nets: Floats, count: int, centre: Floats, half: float) -> tuple[Floats, Floats]:
+    """Series (n, count three times) of polynomials with Bernstein nets (n, m) on a box, and their maximum error (n,).
+
+    Interpolation amplifies the errors of values; the coefficients have rounding of their own.
+    """
+    values, lost = _values(space, nets, count, centre, half)
+    found = coefficients_of(values)
+    total = np.abs(found).sum(axis=(1, 2, 3))
+    return found, amplification(count) * lost + transform_rounding(count) * total
 
 
-def _values(space: BernsteinSpace, nets: Floats, count: int) -> tuple[Floats, Floats]:
-    """(n, count three times) values at the nodes, and how far they may be off."""
-    line, entries = ROOM * nodes(count), _OF_TABLES + _OF_PLACES * count
+def _values(space: BernsteinSpace, nets: Floats, count: int, centre: Floats, half: float) -> tuple[Floats, Floats]:
+    """(n, count three times) values at the nodes, and their maximum error (n,).
+
+    Errors are relative to the largest coefficient times the sum of the magnitudes of the polynomials.
+    """
+    lines = centre[:, None] + half * ROOM * nodes(count)
+    entries = _OF_TABLES + _OF_PLACES * count
+    greatest = np.abs(nets).max(axis=1)
     if space.shape is Shape.HEXAHEDRON:
-        tables = [bernstein_values(BernsteinSpace(Shape.SEGMENT, (degree,)), line[:, None]) for degree in space.degrees]
+        tables = [
+            bernstein_values(BernsteinSpace(Shape.SEGMENT, (degree,)), line[:, None])
+            for degree, line in zip(space.degrees, lines, strict=True)
+        ]
         own = nets.reshape(len(nets), *(degree + 1 for degree in space.degrees[::-1]))
-        sizes = along_axes(np.abs(own), *map(np.abs, tables))
-        return along_axes(own, *tables), 3.0 * (max(own.shape[1:]) + entries) * UNIT * sizes
-    z, y, x = np.meshgrid(line, line, line, indexing="ij")
+        growth = np.prod([np.abs(table).sum(axis=1).max() for table in tables])
+        rounding = 3.0 * (max(own.shape[1:]) + entries) * UNIT
+        return along_axes(own, *tables), rounding * growth * greatest
+    z, y, x = np.meshgrid(*lines[::-1], indexing="ij")
     table = bernstein_values(space, np.stack([x, y, z], axis=-1).reshape(-1, 3))
-    shape = (len(nets), count, count, count)
-    sizes = np.abs(nets) @ np.abs(table).T
-    return (nets @ table.T).reshape(shape), (table.shape[1] + entries) * UNIT * sizes.reshape(shape)
+    rounding = (table.shape[1] + entries) * UNIT
+    growth = np.abs(table).sum(axis=1).max()
+    return (nets @ table.T).reshape(len(nets), count, count, count), rounding * growth * greatest
