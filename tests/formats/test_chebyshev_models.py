@@ -186,8 +186,8 @@ def test_boxes_contain_the_whole_level_set() -> None:
     root, level = root_of("d(u,x)*d(v,y)-d(u,y)*d(v,x)"), 0.05
     series = random_series(2, 3, 11)
     exact = np.zeros(series.shape[:2])
-    search = LevelSearch(root, NAMES, exact, ShapeFacets(CUBE), 7)
-    boxes = search.find(Whole(series), level)
+    search = LevelSearch(Whole(series), root, NAMES, exact, ShapeFacets(CUBE), 7)
+    boxes = search.find(level)
     assert len(boxes.unmodelled) == 0
     assert len(boxes) > 0
     line = np.linspace(-1, 1, 24)
@@ -218,7 +218,7 @@ def test_elements_with_nan_or_flat_maps_have_no_model() -> None:
     series[1, 3] = np.nan
     series[2, 2] = 0.0
     exact = np.zeros(series.shape[:2])
-    boxes = LevelSearch(root_of("d(u,x)"), NAMES, exact, ShapeFacets(CUBE), 7).find(Whole(series), 0.05)
+    boxes = LevelSearch(Whole(series), root_of("d(u,x)"), NAMES, exact, ShapeFacets(CUBE), 7).find(0.05)
     assert boxes.unmodelled.tolist() == [1, 2]
     assert set(boxes.element) <= {0}
 

@@ -103,6 +103,23 @@ def test_dense_samples_never_refute_certain_pixels_of_series_in_boxes(iso, shape
     refute(iso, dataset, "q_criterion", 1.0, (20, 16), 0.98)
 
 
+@pytest.mark.parametrize(("quantity", "value", "share"), [("lambda2", -1.0, 0.9), ("max(d(u,x),d(v,y))", 0.5, 0.7)])
+@pytest.mark.parametrize("counts", [False, pytest.param(True, marks=pytest.mark.thorough)])
+def test_only_genuine_zeros_of_products_count_in_boxes(iso, monkeypatch, quantity, value, share, counts):
+    """Models stand for determinants and products; without their conditions, other zeros of these refute the picture."""
+    found = LevelModels.boxes
+
+    def without_condition(models, level):
+        boxes = found(models, level)
+        assert len(boxes)
+        assert (boxes.condition[:, 0] >= 0).any()
+        return boxes if counts else replace(boxes, condition=np.tile((-1.0, 0.0), (len(boxes), 1)))
+
+    monkeypatch.setattr(LevelModels, "boxes", without_condition)
+    with nullcontext() if counts else pytest.raises(AssertionError):
+        refute(iso, flow(Shape.HEXAHEDRON, modes=6), quantity, value, (20, 16), share)
+
+
 @pytest.mark.parametrize("stated", [True, False])
 def test_remainders_of_series_in_boxes_count(iso, monkeypatch, stated):
     """Series that are off by a constant refute nothing where their misfit says so, and something where it does not."""

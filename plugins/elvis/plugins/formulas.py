@@ -75,6 +75,10 @@ struct Given : IFormula
     {{
         {gradient}
     }}
+    static double condition<V : IVolume>(uint element, double3 r)
+    {{
+        {condition}
+    }}
     static double of(LeafJets leaves)
     {{
         {of}
@@ -151,6 +155,7 @@ class Formula:
         bodies = {
             "value": self._value(),
             "gradient": self._gradient(),
+            "condition": self._condition(),
             "of": self._of(),
             "within": self._within(),
             "slopes": self._slopes(),
@@ -160,7 +165,17 @@ class Formula:
         return f"import distances; {text}" if self.targets else text
 
     def _value(self) -> Iterator[str]:
-        root = self.expression.root
+        """The value at a point."""
+        yield from self._number(self.expression.root)
+
+    def _condition(self) -> Iterator[str]:
+        """The value of `spurious` at a point."""
+        if self.spurious is None:
+            yield "return -1.0lf;"
+        else:
+            yield from self._number(self.spurious)
+
+    def _number(self, root: Node) -> Iterator[str]:
         yield from self._ingredients(leaves(root), ())
         names = yield from self._statements(self._numbers, root)
         yield f"return {names[root]};"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -18,7 +18,7 @@ from elvis.core.chebyshev_models.series import (
     sum_rounding,
     values_at,
 )
-from elvis.core.quantities.tree import LEAVES, Node, fold, leaves, ordered, whole_exponent
+from elvis.core.quantities.tree import LEAVES, Node, fold_all, leaves, ordered, whole_exponent
 
 #: operations that models have
 _OPERATIONS = ("+", "-", "*", "/", "^")
@@ -124,6 +124,11 @@ class BoxLeaves:
 
 def model_of(root: Node, leaves_of_boxes: BoxLeaves) -> ChebyshevModel:
     """The model of an expression on boxes."""
+    return models_of((root,), leaves_of_boxes)[0]
+
+
+def models_of(roots: Sequence[Node], leaves_of_boxes: BoxLeaves) -> list[ChebyshevModel]:
+    """The models of expressions on boxes."""
     like = leaves_of_boxes.value(0)
 
     def leaf(node: Node) -> ChebyshevModel | float:
@@ -142,8 +147,8 @@ def model_of(root: Node, leaves_of_boxes: BoxLeaves) -> ChebyshevModel:
             return power if exponent > 0 else power.reciprocal()
         return _RULES[node.op](*operands)
 
-    found = fold(root, leaf, inner)
-    return found if isinstance(found, ChebyshevModel) else constant(like, found)
+    found = fold_all(roots, leaf, inner)
+    return [own if isinstance(own, ChebyshevModel) else constant(like, own) for own in found]
 
 
 def _sum(a: ChebyshevModel | float, b: ChebyshevModel | float) -> ChebyshevModel | float:

@@ -17,7 +17,8 @@ from typing import Protocol
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.chebyshev_models.expression_models import BoxLeaves, model_of
+from elvis.core.chebyshev_models.expression_models import BoxLeaves, models_of
+from elvis.core.chebyshev_models.model import ChebyshevModel
 from elvis.core.chebyshev_models.series import (
     ORDERS,
     ROOM,
@@ -39,10 +40,16 @@ _PLANS = ((0, 12), (0, 16), (1, 10), (1, 12), (1, 14), (1, 16), (2, 12), (2, 14)
 _TRIED, _MOST_OF_THEM = 8, 0.75
 #: more halvings of boxes whose models are not good enough, before these are given up
 _MOST_MORE_HALVINGS = 2
-#: bisections of a model's box before its series are accepted
-_MOST_LOCAL_HALVINGS = 4
+#: degrees of local series that are tried, beyond the least
+_MORE_DEGREES = (0, 2, 4)
+#: half sides of boxes that are not bisected any more
+_LEAST_HALF = 1 / 64
+#: nodes per direction of models on parts of boxes
+_NODES_OF_PARTS = 12
 #: tolerated error of models, relative to their range
 _MODEL_PART = 2e-4
+#: the same tolerance for the smallest boxes, whose error is rounding
+_FAIR_PART = 2e-3
 #: the same tolerance, including terms that local series drop
 _LOCAL_PART = 3e-4
 #: pixels of a box of a picture; within one, the quantity changes by more than the error of its series
@@ -90,11 +97,6 @@ class ModelBoxes:
         parts = [self._eighth(sides) for sides in _EIGHTHS]
         found = joined(parts)
         return found.part(inside.holds(found.centre, found.half))
-
-    def of_map(self) -> ModelBoxes:
-        """The boxes with only the map."""
-        own = {name: getattr(self, name)[:, :3] for name in ("leaves", "off", "rounding")}
-        return replace(self, **own)
 
     @property
     def error(self) -> Floats:
@@ -158,7 +160,9 @@ class SeriesBoxes:
                in s
     error      (n,) maximum error of computed values of the quantity
     places     (n,) maximum error of computed positions in the world
-    (m,) rows of elements without a model
+    condition  (n, 2) maximum error of computed values of the condition, and maximum sum of the magnitudes of its
+               derivatives in s; -1 and 0 where the whole level counts
+    unmodelled  (m,) rows of elements without a model
     """
 
     element: Ints
@@ -168,6 +172,7 @@ class SeriesBoxes:
     misfit: Floats
     error: Floats
     places: Floats
+    condition: Floats
     unmodelled: Ints
 
     def __len__(self) -> int:
@@ -207,32 +212,50 @@ def restricted(series: Floats, sides: tuple[int, int, int]) -> Floats:
 class LevelSearch:
     """Settings of a search for a level of a quantity.
 
+    elements  the elements
     root    the expression
     names   of the fields of the leaves
     errors  (elements, 3 + fields) maximum error of computed values of leaves
     inside  the shape
-    degree  degree of local series, at least the degree of the map
+    degree  least degree of local series, at least the degree of the map
+    condition  an expression that is positive where the level does not count, and negative where it does; None if all
+            of it counts
     """
 
+    elements: ElementSeries
     root: Node
     names: tuple[str, ...]
     errors: Floats
     inside: ShapeFacets
     degree: int
+    condition: Node | None = None
 
-    def find(self, elements: ElementSeries, level: float) -> SeriesBoxes:
+    def find(self, level: float) -> SeriesBoxes:
         """The boxes of elements that may hold a level."""
-        finite = elements.finite
-        found = [self._none(np.flatnonzero(~finite))]
+        finite = self.elements.finite
         rows = np.flatnonzero(finite)
+        if not len(rows):
+            return self._none(np.flatnonzero(~finite))
         # infinite remainders become NaN when combined; neither ever counts as small
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-            halvings, count = self._plan(elements, rows) if len(rows) else _PLANS[0]
-            for some in np.array_split(rows, -(-len(rows) // _AT_ONCE)) if len(rows) else []:
-                for centre in self._centres(halvings):
-                    boxes = elements.boxes(some, centre, 0.5**halvings)
-                    found.extend(self._search(boxes, level, count, _MOST_MORE_HALVINGS))
+            halvings, count = self._plan(rows)
+            boxes = self.elements.boxes(_some_of(rows), self._place(halvings), 0.5**halvings)
+            search = self._with_best_degree(boxes, level, count)
+            found = [search._none(np.flatnonzero(~finite))]
+            for some in np.array_split(rows, -(-len(rows) // _AT_ONCE)):
+                for centre in search._centres(halvings):
+                    boxes = self.elements.boxes(some, centre, 0.5**halvings)
+                    found.extend(search._search(boxes, level, count, _MOST_MORE_HALVINGS))
         return _together(found)
+
+    def _with_best_degree(self, boxes: ModelBoxes, level: float, count: int) -> LevelSearch:
+        """The search with the degree for which all series on some boxes have the fewest terms."""
+
+        def terms(search: LevelSearch) -> int:
+            return sum(own.series.size for own in search._search(boxes, level, count, 0))
+
+        searches = [replace(self, degree=self.degree + more) for more in _MORE_DEGREES]
+        return min(searches, key=terms)
 
     def _centres(self, halvings: int) -> Floats:
         """(m, 3) centres of the boxes of a bisected cube that may lie in the shape."""
@@ -241,32 +264,46 @@ class LevelSearch:
         centres = np.stack(np.meshgrid(line, line, line), axis=-1).reshape(-1, 3)
         return centres[self.inside.holds(centres, np.full(len(centres), 1.0 / count))]
 
-    def _plan(self, elements: ElementSeries, rows: Ints) -> tuple[int, int]:
+    def _plan(self, rows: Ints) -> tuple[int, int]:
         """Halvings of elements' boxes and nodes of a line with which most models of some elements are good enough."""
-        tried = rows[np.unique(np.linspace(0, len(rows) - 1, _TRIED).astype(np.int64))]
-        # the first eighth is within all shapes, others meet them at least
-        sides = np.random.default_rng(1).choice((-1, 1), size=(max(_PLANS)[0], 3))
-        sides[0] = -1
         good = []
         for halvings, count in _PLANS:
-            centre = 0.5 ** np.arange(1, halvings + 1) @ sides[:halvings]
-            boxes = elements.boxes(tried, centre, 0.5**halvings)
+            boxes = self.elements.boxes(_some_of(rows), self._place(halvings), 0.5**halvings)
             good.append(self._models(boxes, count).is_good.mean())
             if good[-1] == 1.0:
                 break
         # no plan suits singular maps
         return _PLANS[int(np.argmax(np.array(good) >= _MOST_OF_THEM * max(good)))]
 
+    def _place(self, halvings: int) -> Floats:
+        """(3,) the centre of a box of a bisected cube.
+
+        The first eighth is within all shapes, others meet them at least.
+        """
+        sides = np.random.default_rng(1).choice((-1, 1), size=(max(_PLANS)[0], 3))
+        sides[0] = -1
+        return np.asarray(0.5 ** np.arange(1, halvings + 1) @ sides[:halvings])
+
     def _search(self, boxes: ModelBoxes, level: float, count: int, halvings: int) -> Iterator[SeriesBoxes]:
         """The boxes that may hold the level among some of one size and their parts."""
         for some in in_batches(boxes, _AT_ONCE):
             models = self._models(some, count)
-            yield from self._local(models.part(models.is_good), level, 0)
-            rest = some.part(~models.is_good & models.may_hold(level))
+            taken = models.is_good if halvings else models.is_good | models.is_fair
+            yield from self._local(models.part(taken), level, True)
+            rest = some.part(~taken & models.may_hold(level))
             if halvings and len(rest):
-                yield from self._search(rest.eighths(self.inside), level, count, halvings - 1)
+                yield from self._search(self._afresh(rest.eighths(self.inside)), level, count, halvings - 1)
             elif len(rest):
                 yield self._none(np.unique(rest.element))
+
+    def _afresh(self, boxes: ModelBoxes) -> ModelBoxes:
+        """The same boxes with series of their own, whose errors are smaller than those of larger boxes."""
+        centres, number = np.unique(boxes.centre, axis=0, return_inverse=True)
+        parts = [boxes.part(np.zeros(0, np.int64))]
+        for k, centre in enumerate(centres):
+            own = boxes.part(number.reshape(-1) == k)
+            parts.append(self.elements.boxes(own.element, centre, float(own.half[0])))
+        return joined(parts)
 
     def _models(self, boxes: ModelBoxes, count: int) -> _ModelledBoxes:
         """The models of the quantity on boxes of one size."""
@@ -274,26 +311,36 @@ class LevelSearch:
         errors = self.errors[boxes.element]
         narrow = boxes.half[0] / boxes.wide[0]
         leaves = BoxLeaves(self.names, boxes.leaves, errors, boxes.off, narrow, boxes.rounding, scale, count)
-        model = model_of(self.root, leaves)
+        roots = (self.root,) if self.condition is None else (self.root, self.condition)
+        model, *conditions = models_of(roots, leaves)
         # values at the nodes are rounded, so the series has an error polynomial of its degree
         steep = np.array([steepness(count, order) for order in range(ORDERS)])
         off = amplification(count) * model.error + transform_rounding(count) * model.sizes[0]
         rounding = np.outer(steep, off)
-        return _ModelledBoxes(boxes.of_map(), model.coefficients, model.remainder + rounding, model.error)
+        condition = _Condition.of(conditions[0]) if conditions else None
+        return _ModelledBoxes(boxes, model.coefficients, model.remainder + rounding, model.error, condition)
 
-    def _local(self, models: _ModelledBoxes, level: float, halvings: int) -> Iterator[SeriesBoxes]:
-        """Series of low degree on the parts of models that may hold the level."""
+    def _local(self, models: _ModelledBoxes, level: float, is_whole: bool) -> Iterator[SeriesBoxes]:
+        """Series of low degree on the parts of models that may hold the level; ``is_whole`` for whole boxes of models.
+
+        Terms beyond the low degree fade as boxes are bisected, but the error of a model does not.  Parts whose range is
+        small compared to this error get models of their own.
+        """
         models = models.part(models.may_hold(level))
         if not len(models.boxes):
             return
-        misfit = models.misfit(self.degree)
-        small = np.maximum(_PIXELS * misfit[0], misfit[1]) <= _LOCAL_PART * models.range
-        done = small if halvings < _MOST_LOCAL_HALVINGS else np.ones(len(small), bool)
+        misfit, tolerance = models.misfit(self.degree), _LOCAL_PART * models.range
+        smallest = models.boxes.half[0] <= _LEAST_HALF
+        is_vague = _lacking(models.remainder) > tolerance
+        done = (_lacking(misfit) <= tolerance) | smallest | (is_vague & is_whole)
         if done.any():
             yield models.part(done).as_series_boxes(self.degree, misfit[:, done])
-        rest = models.part(~done)
+        vague = models.boxes.part(is_vague & ~done)
+        if len(vague):
+            yield from self._search(vague, level, _NODES_OF_PARTS, 0)
+        rest = models.part(~done & ~is_vague)
         if len(rest.boxes):
-            yield from self._local(rest.eighths(self.inside, level), level, halvings + 1)
+            yield from self._local(rest.eighths(self.inside, level), level, False)
 
     def _none(self, unmodelled: Ints | None = None) -> SeriesBoxes:
         """No boxes, and elements without models."""
@@ -306,6 +353,7 @@ class LevelSearch:
             np.zeros((0, ORDERS)),
             np.zeros(0),
             np.zeros(0),
+            np.zeros((0, 2)),
             np.zeros(0, np.int64) if unmodelled is None else unmodelled,
         )
 
@@ -317,35 +365,44 @@ class _ModelledBoxes:
     coefficients  (n, count, count, count) of the quantity's series
     remainder     (ORDERS, n) bounds of its error, and of the error's derivatives in x
     error         (n,) maximum error of computed values of the quantity
+    condition     optional: where the level counts
     """
 
     boxes: ModelBoxes
     coefficients: Floats
     remainder: Floats
     error: Floats
+    condition: _Condition | None
 
     def part(self, rows: Ints | Bools) -> _ModelledBoxes:
         """Some of the boxes."""
-        return _ModelledBoxes(self.boxes.part(rows), self.coefficients[rows], self.remainder[:, rows], self.error[rows])
+        condition = None if self.condition is None else self.condition.part(rows)
+        own = self.coefficients[rows], self.remainder[:, rows], self.error[rows], condition
+        return _ModelledBoxes(self.boxes.part(rows), *own)
 
     @property
     def range(self) -> Floats:
         """(n,) how far the series goes from its mean."""
-        flat = np.abs(self.coefficients).reshape(len(self.coefficients), self.coefficients.shape[-1] ** 3)
-        return np.asarray(flat[:, 1:].sum(axis=1))
+        return _range_of(self.coefficients)
 
     @property
     def is_good(self) -> Bools:
         """(n,) whether the error of the series is small compared to its range, or is rounding."""
-        lacking = np.maximum(_PIXELS * self.remainder[0], self.remainder[1])
+        lacking = _lacking(self.remainder)
         count = self.coefficients.shape[-1]
         rounding = amplification(count) * self.error * max(_PIXELS, steepness(count, 1))
         return np.asarray(lacking <= np.maximum(_MODEL_PART * self.range, 2.0 * rounding))
 
+    @property
+    def is_fair(self) -> Bools:
+        """(n,) whether the error of the series suffices for boxes that are not bisected any more."""
+        return np.asarray(_lacking(self.remainder) <= _FAIR_PART * self.range)
+
     def may_hold(self, level: float) -> Bools:
         """(n,) whether the quantity may have the level in a box."""
         mean = self.coefficients[:, 0, 0, 0]
-        return np.asarray(~(np.abs(mean - level) > self.range + self.remainder[0] + self.error))
+        meets = ~(np.abs(mean - level) > self.range + self.remainder[0] + self.error)
+        return np.asarray(meets if self.condition is None else meets & ~self.condition.is_positive)
 
     def misfit(self, degree: int) -> Floats:
         """(ORDERS, n) the remainders with the terms beyond a degree."""
@@ -360,7 +417,8 @@ class _ModelledBoxes:
             found = found._halves(axis, level)
         boxes = replace(found.boxes, half=0.5 * found.boxes.half)
         remainder = found.remainder * (0.5 ** np.arange(ORDERS))[:, None]
-        found = _ModelledBoxes(boxes, found.coefficients, remainder, found.error)
+        condition = None if found.condition is None else found.condition.halved()
+        found = _ModelledBoxes(boxes, found.coefficients, remainder, found.error, condition)
         return found.part(inside.holds(boxes.centre, boxes.half))
 
     def _halves(self, axis: int, level: float) -> _ModelledBoxes:
@@ -369,7 +427,9 @@ class _ModelledBoxes:
         error = self.error + 2.0 * sum_rounding(self.coefficients.shape[-1]) * total
         parts = []
         for side in (-1, 1):
-            half = _ModelledBoxes(self.boxes, half_along(self.coefficients, axis, side), self.remainder, error)
+            condition = None if self.condition is None else self.condition.on_side(axis, side)
+            coefficients = half_along(self.coefficients, axis, side)
+            half = _ModelledBoxes(self.boxes, coefficients, self.remainder, error, condition)
             half = half.part(half.may_hold(level))
             parts.append(replace(half, boxes=half.boxes.moved(axis, side)))
         return _ModelledBoxes(
@@ -377,6 +437,7 @@ class _ModelledBoxes:
             np.concatenate([part.coefficients for part in parts]),
             np.concatenate([part.remainder for part in parts], axis=1),
             np.concatenate([part.error for part in parts]),
+            _Condition.joined([part.condition for part in parts if part.condition is not None]),
         )
 
     def as_series_boxes(self, degree: int, misfit: Floats) -> SeriesBoxes:
@@ -396,9 +457,89 @@ class _ModelledBoxes:
         summed = kernel_rounding(size) * np.abs(series).sum(axis=(2, 3, 4))
         places = (boxes.error[:, :3] + left_out + summed[:, :3]).sum(axis=1)
         error = self.error + summed[:, 3]
+        whole = np.tile((-1.0, 0.0), (len(boxes), 1))
+        condition = whole if self.condition is None else self.condition.in_kernels
         return SeriesBoxes(
-            boxes.element, boxes.centre, boxes.half, series, in_box, error, places, np.zeros(0, np.int64)
+            boxes.element, boxes.centre, boxes.half, series, in_box, error, places, condition, np.zeros(0, np.int64)
         )
+
+
+@dataclass(frozen=True, eq=False)
+class _Condition:
+    """A condition on boxes, which is positive where a level does not count.
+
+    coefficients  (n, count, count, count) of its series
+    remainder     (n,) bounds of the error of the series
+    steepness     (n,) bounds of the sum of the magnitudes of its derivatives in x
+    error         (n,) maximum error of computed values
+    """
+
+    coefficients: Floats
+    remainder: Floats
+    steepness: Floats
+    error: Floats
+
+    @staticmethod
+    def of(model: ChebyshevModel) -> _Condition:
+        """A condition with a model."""
+        count = model.values.shape[-1]
+        off = amplification(count) * model.error + transform_rounding(count) * model.sizes[0]
+        steep = 3.0 * (model.sizes[1] + model.remainder[1] + steepness(count, 1) * off)
+        return _Condition(model.coefficients, model.remainder[0] + off, steep, model.error)
+
+    @staticmethod
+    def joined(parts: list[_Condition]) -> _Condition | None:
+        """The conditions of several lists of boxes; None if there are none."""
+        if not parts:
+            return None
+        return _Condition(*(np.concatenate([getattr(part, own.name) for part in parts]) for own in fields(_Condition)))
+
+    def part(self, rows: Ints | Bools) -> _Condition:
+        """Those of some boxes."""
+        return _Condition(*(getattr(self, own.name)[rows] for own in fields(self)))
+
+    def on_side(self, axis: int, side: int) -> _Condition:
+        """Those of halves along an axis on one side."""
+        total = np.abs(self.coefficients).sum(axis=(1, 2, 3))
+        remainder = self.remainder + 2.0 * sum_rounding(self.coefficients.shape[-1]) * total
+        return replace(self, coefficients=half_along(self.coefficients, axis, side), remainder=remainder)
+
+    def halved(self) -> _Condition:
+        """The same in the coordinates of boxes of half the size."""
+        return replace(self, steepness=0.5 * self.steepness)
+
+    @property
+    def _room(self) -> Floats:
+        """(n,) how far values may be from the mean of the series."""
+        return np.asarray(_range_of(self.coefficients) + self.remainder + self.error)
+
+    @property
+    def is_positive(self) -> Bools:
+        """(n,) whether the level counts nowhere in a box."""
+        return np.asarray(self.coefficients[:, 0, 0, 0] > self._room)
+
+    @property
+    def in_kernels(self) -> Floats:
+        """(n, 2) as in SeriesBoxes."""
+        counts = self.coefficients[:, 0, 0, 0] < -self._room
+        open_ends = np.stack([self.error, self.steepness / ROOM], axis=1)
+        return np.where(counts[:, None], (-1.0, 0.0), open_ends)
+
+
+def _some_of(rows: Ints) -> Ints:
+    """Some of all elements, on which plans are tried."""
+    return rows[np.unique(np.linspace(0, len(rows) - 1, _TRIED).astype(np.int64))]
+
+
+def _lacking(bounds: Floats) -> Floats:
+    """(n,) errors (ORDERS, n) of quantities in a box of a picture, relative to which their range must be large."""
+    return np.asarray(np.maximum(_PIXELS * bounds[0], bounds[1]))
+
+
+def _range_of(coefficients: Floats) -> Floats:
+    """(n,) how far series (n, count, count, count) go from their means."""
+    flat = np.abs(coefficients).reshape(len(coefficients), coefficients.shape[-1] ** 3)
+    return np.asarray(flat[:, 1:].sum(axis=1))
 
 
 def _together(found: list[SeriesBoxes]) -> SeriesBoxes:
@@ -411,5 +552,6 @@ def _together(found: list[SeriesBoxes]) -> SeriesBoxes:
         np.concatenate([part.misfit for part in found]),
         np.concatenate([part.error for part in found]),
         np.concatenate([part.places for part in found]),
+        np.concatenate([part.condition for part in found]),
         np.unique(np.concatenate([part.unmodelled for part in found])),
     )

@@ -32,12 +32,14 @@ class ChebyshevModel:
     remainder  (ORDERS, n) bounds of the error, and of its derivatives in x
     error      (n,) maximum error of values computed from the values of leaves
     known      shells, if already known
+    bounds     (n,) bounds of the magnitudes of the values, if already known
     """
 
     values: Floats
     remainder: Floats
     error: Floats
     known: Floats | None = None
+    bounds: Floats | None = None
 
     @cached_property
     def coefficients(self) -> Floats:
@@ -54,6 +56,14 @@ class ChebyshevModel:
         """(ORDERS, n) bounds of the polynomials and of their derivatives."""
         return sizes_of(self.shells)
 
+    @cached_property
+    def greatest(self) -> Floats:
+        """(n,) bounds of the magnitudes of the values at the nodes."""
+        if self.bounds is not None:
+            return self.bounds
+        flat = self.values.reshape(len(self.values), self.values.shape[-1] ** 3)
+        return np.asarray(np.maximum(flat.max(axis=1, initial=0.0), -flat.min(axis=1, initial=0.0)))
+
     @property
     def size(self) -> Floats:
         """(n,) bounds of the quantity."""
@@ -61,7 +71,8 @@ class ChebyshevModel:
 
     def __add__(self, other: ChebyshevModel) -> ChebyshevModel:
         """The sum."""
-        return _rounded(self.values + other.values, self.remainder + other.remainder, self.error + other.error)
+        values, remainder = self.values + other.values, self.remainder + other.remainder
+        return _rounded(values, remainder, self.error + other.error, self.greatest + other.greatest)
 
     def __sub__(self, other: ChebyshevModel) -> ChebyshevModel:
         """The difference."""
@@ -69,18 +80,19 @@ class ChebyshevModel:
 
     def times(self, factor: float) -> ChebyshevModel:
         """The quantity times an exact number."""
-        return _rounded(factor * self.values, abs(factor) * self.remainder, abs(factor) * self.error)
+        size = abs(factor)
+        return _rounded(factor * self.values, size * self.remainder, size * self.error, size * self.greatest)
 
     def plus(self, number: float) -> ChebyshevModel:
         """The quantity and an exact number."""
-        return _rounded(self.values + number, self.remainder, self.error)
+        return _rounded(self.values + number, self.remainder, self.error, self.greatest + abs(number))
 
     def __mul__(self, other: ChebyshevModel) -> ChebyshevModel:
         """The product."""
         lost = leibniz(self.sizes, other.remainder) + leibniz(self.remainder, other.sizes)
         lost += leibniz(self.remainder, other.remainder) + _aliased(self.shells, other.shells)
         error = self.size * other.error + self.error * other.size
-        return _rounded(self.values * other.values, lost, error)
+        return _rounded(self.values * other.values, lost, error, self.greatest * other.greatest)
 
     def reciprocal(self) -> ChebyshevModel:
         """One over the quantity; remainders are infinite if it may be zero."""
@@ -98,7 +110,7 @@ class ChebyshevModel:
             remainder = np.stack([value, first, second])
             remainder[:, ~((least > 0.0) & np.isfinite(second))] = np.inf
             error = np.where(least > 0.0, self.error / least**2, np.inf)
-            return _rounded(values, remainder, error)
+            return _rounded(values, remainder, error, ChebyshevModel(values, none, none[0]).greatest)
 
     def power(self, exponent: int) -> ChebyshevModel:
         """A whole power, 1 at least, by repeated products."""
@@ -117,19 +129,23 @@ def leibniz(first: Floats, second: Floats) -> Floats:
 def _aliased(first: Floats, second: Floats) -> Floats:
     """(ORDERS, n) bounds of what a lattice makes wrong of products of series with these shells (n, count)."""
     boxes, count = first.shape
-    beyond = np.zeros((boxes, 2 * count - 1))
-    for k in range(count):
-        beyond[:, k : k + count] += first[:, k : k + 1] * second
+    # sums of first[k] second[count + m - k] for m = 0, 1 ...: the terms whose degrees sum to count + m
+    turned = np.zeros((boxes, 2 * count - 3))
+    turned[:, count - 2 :] = second[:, :0:-1]
+    windows = np.lib.stride_tricks.sliding_window_view(turned, count - 1, axis=1)[:, ::-1]
+    beyond = np.matmul(windows, first[:, 1:, None])[..., 0]
     # a missing term has its own degree, an aliased term at most the degree of the lattice
     bounds = growth(2 * count - 1)[:, count:] + growth(count)[:, -1:]
-    return np.asarray(bounds @ beyond[:, count:].T)
+    return np.asarray(bounds @ beyond.T)
 
 
-def _rounded(values: Floats, remainder: Floats, error: Floats) -> ChebyshevModel:
-    """A model after one more operation, whose rounding counts for the largest value at the nodes, four times."""
+def _rounded(values: Floats, remainder: Floats, error: Floats, greatest: Floats) -> ChebyshevModel:
+    """A model after one more operation, whose rounding counts for the largest value at the nodes, four times.
+
+    Rounding of the bounds of values is less than the factor allows for.
+    """
     with np.errstate(invalid="ignore", over="ignore"):
-        greatest = np.abs(values).reshape(len(values), -1).max(axis=1)
-        return ChebyshevModel(values, remainder, error + 4.0 * UNIT * greatest)
+        return ChebyshevModel(values, remainder, error + 4.0 * UNIT * greatest, None, greatest)
 
 
 def constant(like: ChebyshevModel, number: float) -> ChebyshevModel:

@@ -82,11 +82,12 @@ def to_half(count: int, side: int) -> Floats:
 
 def along_axes(numbers: Floats, first: Floats, second: Floats, third: Floats) -> Floats:
     """(..., a, b, c) matrices applied to the last three axes, the first to the last axis, x."""
-    numbers = np.matmul(numbers, first.T)
-    numbers = np.matmul(second, numbers)
-    shape = numbers.shape
-    flat = np.matmul(third, numbers.reshape(*shape[:-2], shape[-2] * shape[-1]))
-    return np.asarray(flat.reshape(*shape[:-3], len(third), *shape[-2:]))
+    # each product moves its axis to the front, so that after three of them the axes are in order again
+    for matrix in (first, second, third):
+        *leading, a, b, c = numbers.shape
+        planes = numbers.reshape(*leading, a * b, c).swapaxes(-1, -2)
+        numbers = np.matmul(matrix, planes).reshape(*leading, len(matrix), a, b)
+    return np.asarray(numbers)
 
 
 def coefficients_of(values: Floats) -> Floats:

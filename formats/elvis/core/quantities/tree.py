@@ -8,7 +8,7 @@ operators   + - * / ^ and the functions of `functions`; ``step(a, b)`` is 1 if a
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 from weakref import WeakValueDictionary
@@ -240,11 +240,16 @@ def ordered(*roots: Node) -> list[Node]:
 
 def fold(root: Node, leaf: Callable[[Node], T], inner: Callable[[Node, list[T]], T]) -> T:
     """Evaluate ``leaf`` at leaves and ``inner`` at all other nodes, from the results of their operands."""
+    return fold_all((root,), leaf, inner)[0]
+
+
+def fold_all(roots: Sequence[Node], leaf: Callable[[Node], T], inner: Callable[[Node, list[T]], T]) -> list[T]:
+    """Results of `fold` for several expressions; those of common parts are computed once."""
     found: dict[Node, T] = {}
-    for node in ordered(root):
+    for node in ordered(*roots):
         operands = [found[operand] for operand in node.operands]
         found[node] = inner(node, operands) if node.op not in LEAVES else leaf(node)
-    return found[root]
+    return [found[root] for root in roots]
 
 
 def derivative(root: Node, along: Callable[[Node], Node]) -> Node:

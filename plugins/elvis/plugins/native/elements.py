@@ -173,17 +173,21 @@ class Elements:
         level = None if known or plain else partial(self._level, expression)
         type, source = f"Expressed<{type}, Given>", f"{source} {formula.source}"
         steepness = None if known else self._slope_bounds(expression)
-        boxes = None if enclosure is None else self._boxes(expression, space, certify)
+        boxes = None if enclosure is None else self._boxes(expression, space, certify, spurious)
         return Quantity(
             type, source, buffers, known, bounds, plain, level, rounding, enclosure, slopes=steepness, level_boxes=boxes
         )
 
     def _boxes(
-        self, expression: Expression, space: BernsteinSpace, ends: Callable[[], tuple[Floats, Floats]]
+        self,
+        expression: Expression,
+        space: BernsteinSpace,
+        ends: Callable[[], tuple[Floats, Floats]],
+        condition: Node | None,
     ) -> Callable[[float], SeriesBoxes] | None:
         """Boxes as in Quantity.boxes, for an expression whose fields lie in a space."""
         errors = partial(self._leaf_errors, expression.fields)
-        models = LevelModels(self.patches, self.geometry, space, self.names, expression, ends, errors)
+        models = LevelModels(self.patches, self.geometry, space, self.names, expression, ends, errors, condition)
         return models.boxes if models.is_known else None
 
     def _type(self, space: BernsteinSpace) -> tuple[str, str]:

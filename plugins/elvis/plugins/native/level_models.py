@@ -23,6 +23,7 @@ from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients, bernstein_values
 from elvis.core.polynomials.rounding import UNIT
 from elvis.core.quantities import Expression
+from elvis.core.quantities.tree import Node, leaves
 from elvis.core.shapes import Shape
 
 #: degree of series at least, that kernels take for quantities which are not polynomials
@@ -45,6 +46,7 @@ class LevelModels:
     names     of the patches' fields
     ends      certified minimum and maximum of each element, (n,) each
     errors    (n, 3 + fields of the expression) bounds of the errors of computed leaves
+    condition  positive where a level of the expression does not count; None if all of it counts
     """
 
     patches: Sequence[Patch]
@@ -54,13 +56,16 @@ class LevelModels:
     expression: Expression
     ends: Callable[[], tuple[Floats, Floats]]
     errors: Callable[[], Floats]
+    condition: Node | None = None
 
     @property
     def is_known(self) -> bool:
         """Whether there are models of the expression on these elements."""
         shape, degree = self.geometry.shape, max(*self.geometry.degrees, *self.fields.degrees)
         is_solid = shape.dimension == 3 and shape is not Shape.PYRAMID
-        return is_solid and degree >= _FROM_DEGREE and has_models(self.expression.root)
+        roots = [self.expression.root] if self.condition is None else [self.expression.root, self.condition]
+        known = all(leaf.op != "field" or leaf.name in self.expression.fields for leaf in leaves(*roots))
+        return is_solid and degree >= _FROM_DEGREE and known and all(map(has_models, roots))
 
     def boxes(self, level: float) -> SeriesBoxes:
         """The boxes of elements that may hold a level."""
@@ -69,8 +74,9 @@ class LevelModels:
         normals, offsets = facets(self.geometry.shape)
         inside = ShapeFacets(np.column_stack([normals, offsets]))
         degree = max(_LEAST_DEGREE, *self.geometry.degrees)
-        search = LevelSearch(self.expression.root, self.expression.fields, self.errors()[rows], inside, degree)
-        found = search.find(self._elements(rows), level)
+        root, names = self.expression.root, self.expression.fields
+        search = LevelSearch(self._elements(rows), root, names, self.errors()[rows], inside, degree, self.condition)
+        found = search.find(level)
         return replace(found, element=rows[found.element], unmodelled=rows[found.unmodelled])
 
     def _elements(self, rows: Ints) -> ElementNets:
@@ -128,22 +134,26 @@ class ElementNets:
             series_of(space, net[rows].reshape(-1, space.count), count, centre, half)
             for space, net in zip(self.spaces, self.nets, strict=True)
         ]
-        leaves = [series.reshape(len(rows), -1, count, count, count) for series, _ in found]
+        series = [own.reshape(len(rows), -1, count, count, count) for own, _ in found]
         off = [errors.reshape(len(rows), -1) for _, errors in found]
         centres = np.tile(centre, (len(rows), 1))
         sides = np.full(len(rows), half)
-        return ModelBoxes.fresh(rows, centres, sides, np.concatenate(leaves, axis=1), np.concatenate(off, axis=1))
+        return ModelBoxes.fresh(rows, centres, sides, np.concatenate(series, axis=1), np.concatenate(off, axis=1))
 
 
 def series_of(space: BernsteinSpace, nets: Floats, count: int, centre: Floats, half: float) -> tuple[Floats, Floats]:
     """Series (n, count three times) of polynomials with Bernstein nets (n, m) on a box, and their maximum error (n,).
 
-    Interpolation amplifies the errors of values; the coefficients have rounding of their own.
+    Interpolation amplifies the errors of values; the coefficients have rounding of their own.  Both are smaller for
+    values about zero: elements may be thin, and far from the origin.
     """
-    values, lost = _values(space, nets, count, centre, half)
+    shift = 0.5 * (nets.min(axis=1) + nets.max(axis=1))
+    values, lost = _values(space, nets - shift[:, None], count, centre, half)
     found = coefficients_of(values)
     total = np.abs(found).sum(axis=(1, 2, 3))
-    return found, amplification(count) * lost + transform_rounding(count) * total
+    off = amplification(count) * lost + transform_rounding(count) * total
+    found[:, 0, 0, 0] += shift
+    return found, off + 2.0 * UNIT * np.abs(shift)
 
 
 def _values(space: BernsteinSpace, nets: Floats, count: int, centre: Floats, half: float) -> tuple[Floats, Floats]:
@@ -161,10 +171,10 @@ def _values(space: BernsteinSpace, nets: Floats, count: int, centre: Floats, hal
         ]
         own = nets.reshape(len(nets), *(degree + 1 for degree in space.degrees[::-1]))
         growth = np.prod([np.abs(table).sum(axis=1).max() for table in tables])
-        rounding = 3.0 * (max(own.shape[1:]) + entries) * UNIT
+        rounding = 3.0 * (max(own.shape[1:]) + 1 + entries) * UNIT
         return along_axes(own, *tables), rounding * growth * greatest
     z, y, x = np.meshgrid(*lines[::-1], indexing="ij")
     table = bernstein_values(space, np.stack([x, y, z], axis=-1).reshape(-1, 3))
-    rounding = (table.shape[1] + entries) * UNIT
+    rounding = (table.shape[1] + 1 + entries) * UNIT
     growth = np.abs(table).sum(axis=1).max()
     return (nets @ table.T).reshape(len(nets), count, count, count), rounding * growth * greatest

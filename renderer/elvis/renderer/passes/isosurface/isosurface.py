@@ -320,7 +320,8 @@ class IsosurfaceDrawer:
         self, level: Level, boxes: SeriesBoxes, sub_elements: NDArray[Any]
     ) -> Iterator[tuple[Level, NDArray[Any]]]:
         """Boxes that are drawn together, with their series."""
-        records = np.column_stack([boxes.centre, boxes.half, boxes.misfit, boxes.error, boxes.places])
+        numbers_of_boxes = boxes.centre, boxes.half, boxes.misfit, boxes.error, boxes.places, boxes.condition
+        records = np.column_stack(numbers_of_boxes)
         numbers = boxes.series[:1].size
         for rows in np.array_split(np.arange(len(boxes)), -(-len(boxes) * numbers // _OF_LEAVES)) if len(boxes) else []:
             some = sub_elements[rows]
@@ -452,7 +453,8 @@ class IsosurfaceDrawer:
             "fits": self._fits(level, sub_elements),
             "unfinished": self.device.buffer(np.zeros(len(order), np.uint32)),
         }
-        draw(len(tiles), {**level.buffers, **lists}, groups=True, work=tiles["end"] - tiles["first"])
+        boxes = {"box_models": self._constants(level.number, level.quantity)["box_models"]}
+        draw(len(tiles), {**boxes, **level.buffers, **lists}, groups=True, work=tiles["end"] - tiles["first"])
         listed = np.flatnonzero(self.device.read(lists["unfinished"], np.uint32)[: len(order)])
         return order[listed].astype(np.int64), place[listed]
 

@@ -1,0 +1,41 @@
+"""Series of native elements in boxes, from which isosurfaces of quantities are drawn."""
+
+import numpy as np
+import pytest
+
+from elvis.core.chebyshev_models.series import ROOM
+from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values
+from elvis.core.shapes import Shape
+from elvis.plugins.native.level_models import series_of
+
+#: boxes by their centre and half side, up to the corner of a cube that lies farthest from a simplex
+BOXES = (((-0.5, -0.5, -0.5), 0.5), ((-0.25, -0.75, 0.25), 0.25), ((0.0, 0.0, 0.0), 1.0))
+
+
+@pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.PRISM, Shape.HEXAHEDRON])
+@pytest.mark.parametrize(("centre", "half"), BOXES)
+def test_series_of_boxes_are_within_their_errors(shape, centre, half):
+    """Values of Bernstein polynomials of order 7, far from zero, between points of the lattice."""
+    rng = np.random.default_rng(3)
+    degrees = {Shape.TETRAHEDRON: (7,), Shape.PRISM: (7, 7)}.get(shape, (7, 7, 7))
+    space = BernsteinSpace(shape, degrees)
+    nets = 40.0 + rng.uniform(-1, 1, (2, space.count))
+    found, off = series_of(space, nets, 8, np.array(centre), half)
+    x = rng.uniform(-1, 1, (100, 3))
+    table = bernstein_values(space, np.array(centre) + half * ROOM * x)
+    exact = table @ (nets.T - 40.0) + 40.0
+    vander = np.polynomial.chebyshev.chebvander(x, 7)
+    values = np.einsum("ecba,na,nb,nc->ne", found, *np.moveaxis(vander, 1, 0))
+    sums = 1e-15 * (np.abs(table).sum(axis=1) * np.abs(nets - 40.0).max() + 40.0)
+    assert (np.abs(values - exact).max(axis=0) <= off + sums.max()).all()
+    # inside, errors are rounding, which the corners of a cube around a simplex amplify
+    assert half == 1.0 or (off < 1e-9).all()
+
+
+def test_derivatives_of_errors_shrink_with_boxes():
+    """A series that is off by a polynomial of its own degree, restricted to an eighth."""
+    from elvis.core.chebyshev_models.expression_models import BoxLeaves
+
+    series, off, none = np.zeros((1, 3, 4, 4, 4)), np.full((1, 3), 1e-3), np.zeros((1, 3))
+    wide, narrow = (BoxLeaves((), series, none, off, part, none, 1.0 / part, 6).slope(0, 0) for part in (1.0, 0.25))
+    assert narrow.remainder[:, 0] == pytest.approx(wide.remainder[:, 0] * 0.25 ** np.arange(3), rel=1e-12)
