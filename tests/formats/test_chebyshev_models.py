@@ -11,7 +11,8 @@ from numpy.polynomial import chebyshev
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.chebyshev_models import model as models
 from elvis.core.chebyshev_models.expression_models import BoxLeaves, has_models, model_of
-from elvis.core.chebyshev_models.level_search import LevelSearch, ModelBoxes, ShapeFacets, half_along
+from elvis.core.chebyshev_models.level_search import LevelSearch
+from elvis.core.chebyshev_models.model_boxes import ModelBoxes, ShapeFacets, half_along
 from elvis.core.chebyshev_models.series import ORDERS, REACH, ROOM, shells_of, to_half
 from elvis.core.quantities.names import Names
 from elvis.core.quantities.parsing import Parser

@@ -9,7 +9,8 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.chebyshev_models.expression_models import has_models
-from elvis.core.chebyshev_models.level_search import LevelSearch, ModelBoxes, SeriesBoxes, ShapeFacets
+from elvis.core.chebyshev_models.level_search import LevelSearch, SeriesBoxes
+from elvis.core.chebyshev_models.model_boxes import ModelBoxes, ShapeFacets
 from elvis.core.chebyshev_models.series import (
     ROOM,
     along_axes,

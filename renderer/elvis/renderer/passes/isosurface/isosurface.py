@@ -283,7 +283,8 @@ class IsosurfaceDrawer:
             "model_off": np.array([_ENCLOSED_MODELS_OFF if is_enclosed else _MODELS_OFF]),
             "model_count": self.device.buffer(np.zeros(1, np.uint32)),
         }
-        return replace(level, buffers={**level.buffers, **models})
+        boxes = {"box_models": self._constants(level.number, level.quantity)["box_models"]}
+        return replace(level, buffers={**boxes, **level.buffers, **models})
 
     def portions(self, level: Level) -> Iterator[tuple[Level, NDArray[Any]]]:
         """Whole elements that are drawn together; where their quantity is enclosed, with the series of their leaves."""
@@ -453,8 +454,7 @@ class IsosurfaceDrawer:
             "fits": self._fits(level, sub_elements),
             "unfinished": self.device.buffer(np.zeros(len(order), np.uint32)),
         }
-        boxes = {"box_models": self._constants(level.number, level.quantity)["box_models"]}
-        draw(len(tiles), {**boxes, **level.buffers, **lists}, groups=True, work=tiles["end"] - tiles["first"])
+        draw(len(tiles), {**level.buffers, **lists}, groups=True, work=tiles["end"] - tiles["first"])
         listed = np.flatnonzero(self.device.read(lists["unfinished"], np.uint32)[: len(order)])
         return order[listed].astype(np.int64), place[listed]
 
