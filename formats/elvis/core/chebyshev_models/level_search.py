@@ -57,6 +57,9 @@ _MODEL_PART = 2e-4
 _FAIR_PART = 2e-3
 #: the same tolerance, including terms that local series drop
 _LOCAL_PART = 3e-4
+#: both for products with a condition, which are small compared to their range over wide areas, and more degrees of
+#: local series to try
+_CONDITIONED_PART, _CONDITIONED_DEGREES = 1e-5, (4, 6)
 #: pixels of a box of a picture; within one, the quantity changes by more than the error of its series
 _PIXELS = 16.0
 #: boxes whose models are built together: intermediate results stay in the processor's cache
@@ -139,7 +142,8 @@ class LevelSearch:
         def terms(search: LevelSearch) -> int:
             return sum(own.series.size for own in search._search(boxes, level, count, 0))
 
-        searches = [replace(self, degree=self.degree + more) for more in _MORE_DEGREES]
+        more_degrees = _MORE_DEGREES if self.condition is None else _CONDITIONED_DEGREES
+        searches = [replace(self, degree=self.degree + more) for more in more_degrees]
         return min(searches, key=terms)
 
     def _centres(self, halvings: int) -> Floats:
@@ -214,7 +218,8 @@ class LevelSearch:
         models = models.part(models.may_hold(level))
         if not len(models.boxes):
             return
-        misfit, tolerance = models.misfit(self.degree), _LOCAL_PART * models.range
+        part = _LOCAL_PART if self.condition is None else _CONDITIONED_PART
+        misfit, tolerance = models.misfit(self.degree), part * models.range
         smallest = models.boxes.half[0] <= _LEAST_HALF
         is_vague = _lacking(models.remainder) > tolerance
         done = (_lacking(misfit) <= tolerance) | smallest | (is_vague & is_whole)
@@ -276,7 +281,8 @@ class _ModelledBoxes:
         lacking = _lacking(self.remainder)
         count = self.coefficients.shape[-1]
         rounding = amplification(count) * self.error * max(_PIXELS, steepness(count, 1))
-        return np.asarray(lacking <= np.maximum(_MODEL_PART * self.range, 2.0 * rounding))
+        part = _MODEL_PART if self.condition is None else _CONDITIONED_PART
+        return np.asarray(lacking <= np.maximum(part * self.range, 2.0 * rounding))
 
     @property
     def is_fair(self) -> Bools:
