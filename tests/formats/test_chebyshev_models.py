@@ -11,7 +11,7 @@ from numpy.polynomial import chebyshev
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.chebyshev_models import model as models
 from elvis.core.chebyshev_models.expression_models import BoxLeaves, has_models, model_of
-from elvis.core.chebyshev_models.level_search import LevelSearch
+from elvis.core.chebyshev_models.level_search import LevelSearch, SeriesBoxes
 from elvis.core.chebyshev_models.model_boxes import ModelBoxes, ShapeFacets, half_along
 from elvis.core.chebyshev_models.series import ORDERS, REACH, ROOM, shells_of, to_half
 from elvis.core.quantities.names import Names
@@ -212,6 +212,29 @@ def test_boxes_contain_the_whole_level_set() -> None:
         assert np.abs(stated - value).max() <= boxes.misfit[number, 0] + boxes.error[number]
         places = values(boxes.series[number, 0], s / ROOM)
         assert np.abs(places - values(series[boxes.element[number], 0], point / ROOM)).max() < 1e-12
+
+
+def test_conditions_drop_boxes_and_tell_where_they_are_open() -> None:
+    """Levels count nowhere, everywhere, or where a sign says so; the slope of its values is then bounded."""
+    series = random_series(2, 3, 11)
+    exact = np.zeros(series.shape[:2])
+
+    def found(condition: str) -> SeriesBoxes:
+        root, condition_root = root_of("u*v"), root_of(condition)
+        return LevelSearch(Whole(series), root, NAMES, exact, ShapeFacets(CUBE), 7, condition_root).find(0.0)
+
+    assert len(found("u+9")) == 0
+    assert (found("u-9").condition == [-1.0, 0.0]).all()
+    boxes, step = found("u+v"), 1e-3
+    assert len(boxes)
+    assert (boxes.condition[:, 0] >= 0).all()
+    rng = np.random.default_rng(4)
+    for number, slope_bound in enumerate(boxes.condition[:, 1]):
+        s = rng.uniform(-1, 1, (200, 3))
+        ends = [(boxes.centre[number] + boxes.half[number] * (s + shift)) / ROOM for shift in (0.0, step)]
+        first, last = (truth(root_of("u+v"), series[boxes.element[number]], point, 1.0 / ROOM) for point in ends)
+        change = np.abs(last - first).max() / step
+        assert 0.02 * slope_bound < change <= 1.001 * slope_bound
 
 
 def test_elements_with_nan_or_flat_maps_have_no_model() -> None:

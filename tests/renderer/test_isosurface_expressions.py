@@ -103,13 +103,10 @@ def test_dense_samples_never_refute_certain_pixels_of_series_in_boxes(iso, shape
     refute(iso, dataset, "q_criterion", 1.0, (20, 16), 0.98)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("quantity", "value", "counts"),
-    [
-        ("lambda2", -1.0, False),
-        pytest.param("lambda2", -1.0, True, marks=pytest.mark.thorough),
-        pytest.param("max(d(u,x),d(v,y))", 0.5, True, marks=pytest.mark.thorough),
-    ],
+    [("lambda2", -1.0, False), ("lambda2", -1.0, True), ("max(d(u,x),d(v,y))", 0.5, True)],
 )
 def test_only_genuine_zeros_of_products_count_in_boxes(iso, monkeypatch, quantity, value, counts):
     """Models stand for determinants and products; without conditions, pixels with other zeros are not certain."""
