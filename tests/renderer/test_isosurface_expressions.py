@@ -160,7 +160,7 @@ def test_elements_without_a_model_are_drawn_by_discs(iso, monkeypatch):
 
 
 #: what series are moved by in tests of their misfit
-SHIFT = 0.2
+SHIFT = 1.0
 KINKED = "sin(2 * u) + exp(v) * x * abs(w - 0.2)"
 
 
