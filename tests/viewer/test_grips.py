@@ -188,15 +188,15 @@ def test_objects_hidden_in_one_page_are_hidden_in_all(browser, page, viewer, sce
     other.set_default_timeout(1000 * PATIENCE)
     other.goto(viewer.address)
     before = other.locator(".elvis-stage").bounding_box()
-    other.get_by_title("Objects and colours").click()
+    other.get_by_title("Data, objects and settings").click()
     assert other.locator(".elvis-stage").bounding_box() == before
-    page.locator("button", has_text="hide").click()
-    other.locator(".elvis-hidden button", has_text="show").wait_for()
+    page.get_by_role("button", name="hide 1 cut").click()
+    other.get_by_role("button", name="show cut plane").wait_for()
     assert "plane" not in viewer.session.table
     page.get_by_title("Undo (Ctrl+Z)").click()
     other.locator(".elvis-hidden").wait_for(state="detached")
     page.get_by_title("Redo (Ctrl+Y)").click()
-    other.locator(".elvis-hidden button", has_text="show").click()
+    other.get_by_role("button", name="show cut plane").click()
     page.locator(".elvis-hidden").wait_for(state="detached")
     assert viewer.session.current.plane == scene.plane
     other.close()

@@ -179,6 +179,7 @@ class _Drawing:
         from elvis.core.picturing import Kind
         from elvis.plugins.serving import names_of
         from elvis.renderer.bricks import Bricks
+        from elvis.viewer.contents import contents_of
 
         data = self._few
         names = names_of(data)
@@ -200,6 +201,7 @@ class _Drawing:
             facts["boundaries"] = names_of_boundaries(data.mesh)
             if not isinstance(self._data, Bricks):
                 facts["bodies"], facts["body_size"] = bodies(data.mesh)
+                facts["contents"] = contents_of(data)
             facts["box"] = (self._data if isinstance(self._data, Bricks) else data.mesh).corners.tolist()
             facts["remarks"] = list(data.remarks)
         return facts

@@ -321,7 +321,8 @@ class Session:
         return bytes(found)
 
     def _state(self, **more: Any) -> str:
-        facts = None if self.facts is None else {**self.facts, "name": self.name}
+        files = [Path(name).name for name in self.scene.data]
+        facts = None if self.facts is None else {**self.facts, "name": self.name, "files": files}
         known = {"table": self.table, "revision": self.revision, "size": self.size, "facts": facts}
         steps = {"undo": len(self._undo), "redo": len(self._redo), "proof": self.is_proof, "hidden": self.hidden}
         return json.dumps({"type": "state", "writes": self.may_write, "stale": self._stale, **known, **steps, **more})

@@ -1205,6 +1205,265 @@ class Toggles {
   }
 }
 
+// ---------------------------------------------------------------- the tree of data, and the objects in their order
+
+const SHAPES = { tetrahedron: "tetrahedra", hexahedron: "hexahedra" };
+const EYE = "M1 8s2.6-4.6 7-4.6S15 8 15 8s-2.6 4.6-7 4.6S1 8 1 8z";
+
+// an eye, open or crossed out
+function eyeIcon(isOpen) {
+  const icon = shape("svg", { viewBox: "0 0 16 16", width: 16, height: 16, class: "elvis-icon", "aria-hidden": "true" });
+  icon.append(shape("path", { d: EYE }), shape("circle", { cx: 8, cy: 8, r: 2.1 }), ...(isOpen ? [] : [shape("path", { d: "M2.5 14 13.5 2" })]));
+  return icon;
+}
+
+const hexOf = (color) => `#${color.slice(0, 3).map((part) => Math.round(255 * part).toString(16).padStart(2, "0")).join("")}`;
+const colorOf = (hex) => [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16) / 255);
+
+// Boundaries and regions as parts of the objects `faces`: which objects show a part, and the objects that show it otherwise.
+class ShownParts {
+  constructor(viewer) {
+    this.viewer = viewer;
+  }
+
+  get objects() {
+    return this.viewer.toggles.objects;
+  }
+
+  get boundaries() {
+    return this.viewer.facts.boundaries;
+  }
+
+  // the object that shows a part, by its name in `select`
+  owner(name) {
+    return this.objects.find((object) => object.kind === "faces" && this.names(object).includes(name));
+  }
+
+  // names of the parts that faces show, "all" by the names of the boundaries
+  names({ select = ["all"] }) {
+    return select.flatMap((name) => (name === "all" && this.boundaries.length ? this.boundaries : [name]));
+  }
+
+  without(name) {
+    const objects = this.objects.map((object) => {
+      if (object.kind !== "faces" || !this.names(object).includes(name)) return object;
+      return { ...object, select: this.names(object).filter((one) => one !== name) };
+    });
+    return objects.filter((object) => object.kind !== "faces" || (object.select ?? ["all"]).length);
+  }
+
+  // objects that also show a part, in a style
+  with(objects, name, style) {
+    const text = JSON.stringify(style ?? {});
+    const at = objects.findIndex((object) => object.kind === "faces" && JSON.stringify(object.style ?? {}) === text);
+    if (at < 0) return [...objects, { kind: "faces", select: [name], ...(Object.keys(style ?? {}).length ? { style } : {}) }];
+    return objects.map((object, i) => (i === at ? { ...object, select: [...(object.select ?? ["all"]), name] } : object));
+  }
+
+  // a picture without any object would show everything
+  isLast(name) {
+    return !this.without(name).length;
+  }
+
+  toggle(name) {
+    this.take(this.owner(name) ? this.without(name) : this.with(this.given, name));
+  }
+
+  // null colours by the field
+  paint(name, color) {
+    const { color: _, ...rest } = this.owner(name)?.style ?? {};
+    this.take(this.with(this.owner(name) ? this.without(name) : this.given, name, color ? { ...rest, color } : rest));
+  }
+
+  // without objects, all faces are shown; what is added then stands for itself
+  get given() {
+    const { plane, objects = [] } = this.viewer.table;
+    return plane || objects.length ? this.objects : [];
+  }
+
+  take(objects) {
+    this.viewer.change({ ...this.viewer.toggles.listed(objects), ...this.viewer.still() });
+  }
+}
+
+class DataTree {
+  constructor(viewer) {
+    this.viewer = viewer;
+    this.parts = new ShownParts(viewer);
+    this.root = make("nav", { className: "elvis-tree", ariaLabel: "data and objects" });
+  }
+
+  update() {
+    const { facts, schema } = this.viewer;
+    if (!facts || !schema || this.dragged) return;
+    this.viewer.refill(this.root, [...this.data(), ...this.objects()]);
+    // the focus follows an object that was moved
+    if (this.moved !== undefined) this.list.children[this.moved]?.querySelector(".elvis-mover")?.focus();
+    this.moved = undefined;
+  }
+
+  // ---- the data
+
+  data() {
+    const { files = [], contents, kind } = this.viewer.facts;
+    const rows = [make("h2", {}, "Data"), ...files.map((name) => make("div", { className: "elvis-leaf", title: name }, name))];
+    if (!contents) return rows;
+    const canHide = kind === "solid";
+    rows.push(this.elements(contents), this.orders(contents), ...this.time(contents));
+    rows.push(this.branch("boundaries", contents.boundaries, (name) => name, canHide), this.branch("regions", contents.regions, (name) => `region:${name}`, canHide));
+    return [...rows.filter(Boolean), ...this.remarks()];
+  }
+
+  elements({ elements, dimension, space, curved }) {
+    const many = (shape_, count) => (count === 1 ? shape_ : SHAPES[shape_] ?? `${shape_}s`);
+    const total = Object.values(elements).reduce((sum, count) => sum + count, 0);
+    const lines = Object.entries(elements).map(([name, count]) => `${count.toLocaleString("en")} ${many(name, count)}`);
+    if (curved.some(Boolean)) lines.push(`curved: ${curved[0].toLocaleString("en")} edges, ${curved[1].toLocaleString("en")} faces`);
+    return this.fold("elements", `${total.toLocaleString("en")}, ${dimension}D${space > dimension ? ` in ${space}D` : ""}`, lines, false);
+  }
+
+  orders({ orders }) {
+    const names = Object.keys(orders), own = names.length > 1 ? `${names[0]} to ${names.at(-1)}` : names[0];
+    const lines = Object.entries(orders).map(([order, count]) => `order ${order}: ${count.toLocaleString("en")} elements`);
+    return names.length ? this.fold("orders", own, lines, false) : null;
+  }
+
+  time({ time }) {
+    const { timeBar, table } = this.viewer;
+    if (timeBar.times.length > 1) {
+      const now = table.time ?? timeBar.times[timeBar.step];
+      return [this.line("time", `${short(now)}, ${timeBar.place}`)];
+    }
+    return time === null || time === undefined ? [] : [this.line("time", short(time))];
+  }
+
+  line(name, text) {
+    return make("div", { className: "elvis-leaf" }, make("span", { className: "elvis-key" }, name), ` ${text}`);
+  }
+
+  fold(name, note, lines, open) {
+    const items = lines.map((one) => (typeof one === "string" ? make("li", {}, one) : one));
+    const details = make("details", { open }, make("summary", {}, make("span", { className: "elvis-key" }, name), make("span", { className: "elvis-aside" }, `: ${note}`)), make("ul", {}, ...items));
+    details.addEventListener("toggle", () => Controls.open.set(foldsAround(details).join("/"), details.open));
+    return details;
+  }
+
+  branch(title, counts, selectOf, canHide) {
+    const rows = Object.entries(counts).map(([name, count]) => this.part(name, count, selectOf(name), canHide));
+    return rows.length ? this.fold(title, rows.length, rows, true) : null;
+  }
+
+  // a boundary or a region: its eye, its name and number of sides or elements, its colour
+  part(name, count, select, canHide) {
+    const note = make("span", { className: "elvis-aside" }, count.toLocaleString("en"));
+    if (!canHide) return make("li", { className: "elvis-part" }, make("span", { className: "elvis-name" }, name), note);
+    const owner = this.parts.owner(select), isLast = Boolean(owner) && this.parts.isLast(select);
+    const eye = this.eye(Boolean(owner), name, isLast ? "The only visible part: add an object before you hide it" : "", () => this.parts.toggle(select));
+    eye.disabled = isLast;
+    return make("li", { className: "elvis-part" }, eye, make("span", { className: "elvis-name", title: name }, name), note, ...this.swatch(name, select, owner));
+  }
+
+  swatch(name, select, owner) {
+    const color = owner?.style?.color;
+    const field = make("input", { type: "color", value: hexOf(color ?? GREY), ariaLabel: `colour of ${name}`, title: color ? "One colour" : "Coloured by the field: choose one colour",
+      className: color ? "" : "elvis-by-field", onchange: (e) => this.parts.paint(select, colorOf(e.target.value)) });
+    const back = make("button", { type: "button", className: "elvis-mini", title: `Colour ${name} by the field`, ariaLabel: `colour ${name} by the field`, onclick: () => this.parts.paint(select, null) }, "↺");
+    return color ? [back, field] : [field];
+  }
+
+  eye(isOpen, name, reason, act) {
+    const own = make("button", { type: "button", className: "elvis-mini elvis-eye", title: reason || `${isOpen ? "Hide" : "Show"} ${name}`, ariaLabel: `${isOpen ? "hide" : "show"} ${name}`, onclick: act }, eyeIcon(isOpen));
+    own.ariaPressed = String(isOpen);
+    return own;
+  }
+
+  remarks() {
+    const lines = this.viewer.facts.remarks ?? [];
+    return lines.length ? [this.fold("remarks", lines.length, lines, false)] : [];
+  }
+
+  // ---- objects
+
+  objects() {
+    const { viewer } = this, listed = viewer.listed();
+    const movable = listed.filter(({ item }) => item.kind !== "clip").length;
+    const shown = listed.map((row, place) => this.object(row, place, movable));
+    const hidden = viewer.hidden.map((one, number) => this.hiddenObject(one, number));
+    const note = listed.length ? [] : [make("div", { className: "elvis-aside" }, viewer.facts.kind === "solid" ? "All outer faces are shown." : "The whole domain is shown.")];
+    this.list = make("ul", { className: "elvis-objects" }, ...shown, ...hidden);
+    return [make("h2", {}, "Objects"), ...note, this.list, viewer.adding()];
+  }
+
+  object({ key, item }, place, movable) {
+    const { viewer } = this, name = `${place + 1} ${item.kind}`;
+    const act = () => {
+      viewer.selected = null;
+      viewer.model.send({ type: "hide", key });
+    };
+    const grip = item.kind === "clip" || movable < 2 ? make("span", { className: "elvis-mini" }) : this.grip(name, place, movable);
+    const open = make("button", { type: "button", className: "elvis-name", title: "Show the settings of the object", onclick: () => viewer.openObject(place) },
+      name, make("span", { className: "elvis-aside" }, ` ${viewer.summary(item)}`));
+    return make("li", { className: "elvis-part" }, grip, this.eye(true, name, "Hide the object; it stays in the list", act), open);
+  }
+
+  hiddenObject({ key, item }, number) {
+    const { viewer } = this;
+    const shown = key === "plane" ? { kind: "cut", surface: { kind: "plane", ...item } } : { kind: "clip", ...item };
+    const name = `${shown.kind} ${viewer.summary(shown)}`.trim();
+    const eye = this.eye(false, name, "Show the object again", () => viewer.model.send({ type: "unhide", number }));
+    const gone = make("button", { type: "button", className: "elvis-mini", title: "Remove the object", ariaLabel: `delete ${name}`, onclick: () => viewer.model.send({ type: "forget", number }) }, "×");
+    return make("li", { className: "elvis-part elvis-hidden" }, make("span", { className: "elvis-mini" }), eye, make("span", { className: "elvis-name" }, name), gone);
+  }
+
+  // ---- order
+
+  grip(name, place, count) {
+    const own = make("button", { type: "button", className: "elvis-mini elvis-mover", title: "Drag, or use the up and down arrow keys: change the order", ariaLabel: `move ${name}` }, "⠿");
+    own.addEventListener("pointerdown", (e) => {
+      own.setPointerCapture(e.pointerId);
+      this.dragged = { place, to: place };
+      e.preventDefault();
+      own.focus();
+    });
+    own.addEventListener("pointermove", (e) => this.dragged && this.drag(e, count));
+    for (const kind of ["pointerup", "pointercancel"]) own.addEventListener(kind, () => this.drop());
+    own.addEventListener("keydown", (e) => {
+      const to = place + ({ ArrowUp: -1, ArrowDown: 1 }[e.key] ?? 0);
+      if (to === place || to < 0 || to >= count) return;
+      e.preventDefault();
+      this.order(place, to);
+    });
+    return own;
+  }
+
+  // the row under the pointer is where the object goes
+  drag(event, count) {
+    const rows = [...this.list.children].slice(0, count), { dragged } = this;
+    const passed = rows.filter((row, i) => i !== dragged.place && event.clientY > row.getBoundingClientRect().top + row.offsetHeight / 2);
+    dragged.to = passed.length;
+    rows.forEach((row, i) => {
+      row.classList.toggle("elvis-lifted", i === dragged.place);
+      row.classList.toggle("elvis-before", i === dragged.to && dragged.to < dragged.place);
+      row.classList.toggle("elvis-after", i === dragged.to && dragged.to > dragged.place);
+    });
+  }
+
+  drop() {
+    const { place, to } = this.dragged ?? {};
+    this.dragged = null;
+    if (place === to) this.update();
+    else this.order(place, to);
+  }
+
+  order(from, to) {
+    const objects = [...this.viewer.toggles.objects];
+    objects.splice(to, 0, ...objects.splice(from, 1));
+    this.viewer.selected = null;
+    this.moved = to;
+    this.viewer.change({ ...this.viewer.toggles.listed(objects), ...this.viewer.still() });
+  }
+}
+
 function isOtherShape([width, height], image) {
   return Math.abs(Math.log((width * image[3]) / (height * image[2]))) > 1 / Math.min(width, height) + 0.01;
 }
@@ -1237,7 +1496,8 @@ class Viewer {
     this.barGrips = new BarGrips(this);
     this.timeBar = new TimeBar(this);
     this.canvas.after(...this.linear.parts, this.barGrips.svg, this.handles.svg);
-    this.panel = make("div", { className: "elvis-panel" });
+    this.panel = make("section", { className: "elvis-panel", ariaLabel: "settings" });
+    this.tree = new DataTree(this);
     // a slider that is being dragged must stay in the page
     this.panel.addEventListener("pointerdown", (e) => { this.isSliding = e.target.type === "range" || Boolean(e.target.closest(".elvis-transfer")); });
     for (const kind of ["pointerup", "pointercancel"]) window.addEventListener(kind, () => { this.isSliding = false; });
@@ -1245,10 +1505,11 @@ class Viewer {
     this.copyAll = make("button", { type: "button", hidden: true, title: "Copy the value, position and element with all digits", onclick: () => this.copyPicked() }, "copy all");
     this.counts = make("span", {});
     this.busy = make("span", { className: "elvis-busy", hidden: true, ariaLabel: "activity" });
-    this.root = make("div", { className: "elvis" }, this.tools(), this.stage, this.panel, make("div", { className: "elvis-status" }, this.busy, this.counts, this.copyAll, this.values));
+    this.root = make("div", { className: "elvis" }, this.tools(), make("div", { className: "elvis-side" }, this.tree.root, this.panel), this.stage, make("div", { className: "elvis-status" }, this.busy, this.counts, this.copyAll, this.values));
     this.dialog = make("dialog", {});
     this.root.append(this.dialog);
-    el.append(this.root);
+    this.frame = make("div", { className: "elvis-frame" }, this.root);
+    el.append(this.frame);
     this.waitFor();
     this.listen();
     new ResizeObserver(() => this.sized()).observe(this.stage);
@@ -1275,9 +1536,14 @@ class Viewer {
     const views = Object.entries(VIEWS).map(([text, view]) => button(text, `View ${view}: ${SENSES[view]}`, () => turnTo(view)));
     this.toggles = new Toggles(this);
     this.turning = [...views, this.perspectiveButton, this.freeButton];
-    const menu = button("≡", "Objects and colours", () => this.root.classList.toggle("elvis-open"));
+    const data = button("data", "Data and objects on the left", () => {
+      data.ariaPressed = String(!this.root.classList.toggle("elvis-without-tree"));
+    });
+    data.className = "elvis-data";
+    data.ariaPressed = "true";
+    const menu = button("≡", "Data, objects and settings", () => this.root.classList.toggle("elvis-open"));
     menu.className = "elvis-menu";
-    return make("div", { className: "elvis-tools" }, menu, button("fit", "Fit the whole scene in this direction (f)", () => this.fit()), ...this.turning,
+    return make("div", { className: "elvis-tools" }, menu, data, button("fit", "Fit the whole scene in this direction (f)", () => this.fit()), ...this.turning,
       this.toggles.root, this.lineButton, this.proofButton, this.linear.choice, this.undoButton, this.redoButton, this.saving, this.timeBar.root);
   }
 
@@ -1861,14 +2127,21 @@ class Viewer {
   controls() {
     if (!this.schema || !this.facts || this.isSliding) return;
     const check = (text) => this.ask("check", text).then(() => null, (error) => error.message);
-    const make_ = new Controls(this.schema, this.facts, this.palettes, check);
+    const make_ = this.makers = new Controls(this.schema, this.facts, this.palettes, check);
     const section = (title, names) => [make("h2", {}, title), ...names.map((name) =>
       make_.row(name, this.schema.properties[name], this.table[name], (value, moving) => this.change({ [name]: value ?? null }, moving)))];
-    const scroll = this.panel.scrollTop, focused = this.panel.contains(document.activeElement) ? this.nameOf(document.activeElement) : null;
-    this.panel.replaceChildren(...this.objects(make_), ...this.states(), ...this.copies(make_), ...section("Colour", COLOUR), this.peaks(), ...(this.facts.times?.length > 1 ? section("Time", ["between"]) : []), ...section("Light", LIGHT), ...section("Figure", FIGURE));
-    Controls.restore(this.panel);
-    this.panel.scrollTop = scroll;
-    if (focused) this.focusable().find((one) => this.nameOf(one) === focused)?.focus({ preventScroll: true });
+    this.refill(this.panel, [...this.objects(make_), ...this.states(), ...this.copies(make_), ...section("Colour", COLOUR), this.peaks(), ...(this.facts.times?.length > 1 ? section("Time", ["between"]) : []), ...section("Light", LIGHT), ...section("Figure", FIGURE)]);
+    this.tree.update();
+  }
+
+  // other contents of a part of the page; scroll positions, folds and the focus stay
+  refill(root, children) {
+    const active = root.getRootNode().activeElement, scrolled = [root, root.parentElement].map((one) => [one, one?.scrollTop]);
+    const focused = root.contains(active) ? this.nameOf(active, root) : null;
+    root.replaceChildren(...children);
+    Controls.restore(root);
+    for (const [one, top] of scrolled) if (one) one.scrollTop = top;
+    if (focused) this.focusable(root).find((one) => this.nameOf(one, root) === focused)?.focus({ preventScroll: true });
   }
 
   // certified minimum and maximum of the field: marked, reported, and where new objects are placed
@@ -1888,15 +2161,15 @@ class Viewer {
     }
   }
 
-  focusable() {
-    return [...this.panel.querySelectorAll("input,select,button,summary,[tabindex]")];
+  focusable(root) {
+    return [...root.querySelectorAll("input,select,button,summary,[tabindex]")];
   }
 
   // name of a control from the folds around it, to find it again after controls are recreated
-  nameOf(element) {
+  nameOf(element, root) {
     const own = (one) => `${one.tagName} ${one.getAttribute("aria-label") ?? one.labels?.[0]?.textContent ?? one.textContent}`;
     const name = [own(element), ...foldsAround(element)].join("/");
-    const twins = [...(element.closest("details") ?? this.panel).querySelectorAll(element.tagName)].filter((one) => own(one) === own(element));
+    const twins = [...(element.closest("details") ?? root).querySelectorAll(element.tagName)].filter((one) => own(one) === own(element));
     return `${name}/${twins.indexOf(element)}`;
   }
 
@@ -1971,23 +2244,28 @@ class Viewer {
       const set = (value, moving) => (key === "plane" && value.style ? this.setFirst(value, moving) : this.change({ [key]: this.kept(key, value) }, moving));
       controls.hidden = ["streamlines", "glyphs"].includes(item.kind) ? ON_SURFACES : null;
       const button = (text, title, act) => make("button", { type: "button", title, onclick: act }, text);
-      const buttons = make("div", { className: "elvis-buttons" }, button("hide", "Hide the object; it stays in the list", () => { this.selected = null; this.model.send({ type: "hide", key }); }));
+      const buttons = make("div", { className: "elvis-buttons" });
       if (number !== undefined) buttons.append(button("duplicate", "Add a copy", () => this.add(item)));
       if (this.canBeHeld(item)) buttons.append(this.handleButton(key === "plane" ? key : `${key}.surface`));
       buttons.append(button("delete", "Remove the object", () => { this.selected = null; this.change({ [key]: null }); }));
       return controls.fold(`${place + 1} ${item.kind}`, this.summary(item), [buttons, ...this.sliders(item, set), ...this.transfer(key, item, controls), ...controls.rows(schemaOf(item.kind), item, set)], true);
     });
-    const hidden = this.hidden.map(({ key, item }, number) => {
-      const shown = key === "plane" ? { kind: "cut", surface: { kind: "plane", ...item } } : { kind: "clip", ...item };
-      const button = (text, title, type) => make("button", { type: "button", title, onclick: () => this.model.send({ type, number }) }, text);
-      return make("div", { className: "elvis-buttons elvis-hidden" }, `${shown.kind} ${this.summary(shown)}`,
-        button("show", "Show the object again", "unhide"), button("delete", "Remove the object", "forget"));
-    });
+    return rows.length ? [make("h2", {}, "Settings of objects"), ...rows] : [];
+  }
+
+  // the list of objects that can be added
+  adding() {
     const kinds = this.facts.kind === "solid" ? ["plane", "sphere", "cylinder", "cone", "faces", "isosurface", "volume", "streamlines", "glyphs", "clip"] : ["faces", "streamlines", "glyphs"];
-    const adding = make("select", { "aria-label": "add an object", onchange: (e) => { if (e.target.selectedIndex) this.create(e.target.value, controls); e.target.selectedIndex = 0; } },
+    return make("select", { "aria-label": "add an object", onchange: (e) => { if (e.target.selectedIndex) this.create(e.target.value); e.target.selectedIndex = 0; } },
       make("option", {}, "add…"), ...kinds.map((kind) => make("option", {}, kind)));
-    const note = rows.length ? [] : [make("div", { className: "elvis-aside" }, this.facts.kind === "solid" ? "No objects: all outer faces are shown." : "No objects: the whole domain is shown.")];
-    return [make("h2", {}, "Objects"), ...note, ...rows, ...hidden, adding];
+  }
+
+  // the settings of an object, in the panel
+  openObject(place) {
+    const fold = [...this.panel.querySelectorAll(":scope > details")][place];
+    fold.open = true;
+    fold.scrollIntoView({ block: "nearest" });
+    fold.firstChild.focus({ preventScroll: true });
   }
 
   // the editor of a volume's transfer function; the histogram appears once it is computed
@@ -2127,7 +2405,8 @@ class Viewer {
   }
 
   // a new object, placed where the camera looks
-  async create(kind, controls) {
+  async create(kind) {
+    const controls = this.makers;
     await this.survey();
     if (kind in SURFACES) return this.createSurface(kind, controls);
     if (kind === "faces") return this.add({ kind: "faces", select: ["all"] }, {});

@@ -1,0 +1,60 @@
+"""Contents of a dataset as the page lists them: elements, orders, boundaries and regions, with their numbers."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import TYPE_CHECKING, Any
+
+from elvis.core.distances.boundaries import boundaries, names_of_boundaries
+
+if TYPE_CHECKING:
+    from elvis.core.dataset import Dataset
+    from elvis.core.mesh import Mesh
+
+#: regions that a page lists, at most
+MAX_REGIONS = 200
+
+
+def contents_of(dataset: Dataset) -> dict[str, Any]:
+    """Numbers of elements by shape and by order, of sides by boundary and of elements by region."""
+    mesh = dataset.mesh
+    shapes = {shape.label.lower(): len(entities) for shape, entities in mesh.elements.items()}
+    return {
+        "dimension": mesh.dimension,
+        "space": mesh.space,
+        "elements": shapes,
+        "curved": [len(mesh.edge_curves.rows), len(mesh.face_curves.rows)],
+        "orders": _orders(dataset),
+        "time": dataset.time,
+        "boundaries": _boundaries(mesh),
+        "regions": _regions(mesh),
+    }
+
+
+def _orders(dataset: Dataset) -> dict[str, int]:
+    """Number of elements of each order of the first field: the largest number of modes in a direction, less one."""
+    found = Counter[int]()
+    for field in dataset.solution[:1]:
+        for block in field.blocks:
+            found[max(block.expansion.modes) - 1] += len(block)
+    return {str(order): found[order] for order in sorted(found)}
+
+
+def _boundaries(mesh: Mesh) -> dict[str, int]:
+    """Number of sides of each boundary."""
+    if mesh.dimension < 2:
+        return {}
+    rows = boundaries(mesh)
+    return {name: len(rows[name]) for name in names_of_boundaries(mesh)}
+
+
+def _regions(mesh: Mesh) -> dict[str, int]:
+    """Number of elements of each composite of elements; none if there is only one, which is the whole domain."""
+    tags = {1: "S", 2: "TQ", 3: "APRH"}[mesh.dimension]
+    found = {}
+    for composite in mesh.composites:
+        count = sum(len(ids) for tag, ids in composite.parts if tag in tags)
+        if count:
+            name = composite.name or str(composite.id)
+            found[name] = found.get(name, 0) + count
+    return dict(list(found.items())[:MAX_REGIONS]) if len(found) > 1 else {}

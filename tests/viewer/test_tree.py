@@ -1,0 +1,65 @@
+"""The tree of data: contents of the files, parts that are shown, hidden and coloured, and the order of objects."""
+
+import pytest
+from driving import change, settled
+
+from elvis import read
+from elvis.scene.tables import scene_of
+from elvis.viewer.contents import contents_of
+
+
+@pytest.fixture
+def tree(page):
+    return page.get_by_role("navigation", name="data and objects")
+
+
+def objects(viewer):
+    return [(each.kind, getattr(each, "select", None)) for each in scene_of(viewer.session.table).objects]
+
+
+def test_contents_are_counted(scene):
+    found = contents_of(read(*scene.data))
+    assert found["elements"] == {"hexahedron": 8}
+    assert found["orders"] == {"2": 8}
+    assert found["boundaries"] == {"boundary": 24}
+    assert found["regions"] == {}
+
+
+def test_boundaries_are_shown_hidden_and_coloured(page, viewer, tree):
+    """The last visible part stays: a scene without objects shows everything."""
+    assert tree.get_by_text("8, 3D").is_visible()
+    tree.get_by_role("button", name="show boundary").click()
+    settled(page, viewer)
+    assert objects(viewer) == [("cut", None), ("faces", ("boundary",))]
+    tree.get_by_label("colour of boundary").fill("#ff0000")
+    settled(page, viewer)
+    assert scene_of(viewer.session.table).objects[1].style.color == (1.0, 0.0, 0.0)
+    tree.get_by_role("button", name="colour boundary by the field").click()
+    settled(page, viewer)
+    assert scene_of(viewer.session.table).objects[1].style.color is None
+    tree.get_by_role("button", name="hide boundary").click()
+    settled(page, viewer)
+    assert objects(viewer) == [("cut", None)]
+    change(page, {"objects": None})
+    settled(page, viewer)
+    assert tree.get_by_role("button", name="hide boundary").is_disabled()
+
+
+def test_objects_change_places(page, viewer, tree):
+    """By the arrow keys, and by dragging; the view stays."""
+    change(page, {"objects[0]": {"kind": "isosurface", "values": [0.2]}, "objects[1]": {"kind": "faces"}})
+    settled(page, viewer)
+    tree.get_by_role("button", name="move 1 cut").press("ArrowDown")
+    settled(page, viewer)
+    assert [kind for kind, _ in objects(viewer)] == ["isosurface", "cut", "faces"]
+    assert page.evaluate("document.activeElement.getAttribute('aria-label')") == "move 2 cut"
+    camera = viewer.session.table["camera"]
+    last = tree.get_by_role("button", name="move 3 faces").bounding_box()
+    first = tree.get_by_role("button", name="move 1 isosurface").bounding_box()
+    page.mouse.move(last["x"] + 5, last["y"] + 5)
+    page.mouse.down()
+    page.mouse.move(first["x"] + 5, first["y"] - 3, steps=4)
+    page.mouse.up()
+    settled(page, viewer)
+    assert [kind for kind, _ in objects(viewer)] == ["faces", "isosurface", "cut"]
+    assert viewer.session.table["camera"] == camera
