@@ -144,27 +144,32 @@ def test_values_under_the_pointer_match_the_solution(page, viewer, scene):
     assert page.evaluate(older) is None
 
 
-def test_values_along_a_line_are_saved_as_a_table(page, viewer, scene):
+def test_values_along_a_line_are_plotted_and_saved(page, viewer, scene):
     """Two clicks are its ends; all its values are those of the solution there. What is long covers no picture."""
     width, height = page.evaluate("window.elvis.picture.image.slice(2)")
     page.get_by_role("button", name="line", exact=True).click()
     for part in (0.45, 0.55):
         page.mouse.click(*canvas_place(page, int(part * width), height // 2))
-        page.wait_for_function("elvis.line.length || document.querySelector('dialog').open")
-    page.locator("dialog a", has_text="CSV").wait_for()
+        page.wait_for_function("elvis.line.length || elvis.plots.all[0]?.sources.length")
+    plot = page.get_by_role("region", name="plot along lines")
+    plot.get_by_label("add a quantity to the plot").select_option("x")
+    plot.locator("text", has_text="distance").nth(1).wait_for()
     with page.expect_download() as started:
-        page.locator("dialog a", has_text="CSV").click()
+        plot.get_by_label("save the plot").select_option("CSV")
     names, *rows = Path(started.value.path()).read_text().splitlines()
-    assert names == 'distance,x,y,z,element,"u"'
-    table = np.array([row.split(",") for row in rows], float)
+    assert names == 'source,distance,x,y,z,element,"u","x"'
+    table = np.array([row.rpartition('",')[2].split(",") for row in rows], float)
     found = sample(read(*scene.data), ["u"], table[:, 1:4])
     assert len(table) > 10
     assert np.allclose(table[:, 5], found["u"], rtol=0, atol=1e-11)
+    assert np.allclose(table[:, 6], table[:, 1], rtol=0, atol=1e-11)
     assert np.allclose(table[:, 0], np.linalg.norm(table[:, 1:4] - table[0, 1:4], axis=1), rtol=0, atol=1e-12)
     page.evaluate("elvis.values.textContent = '-1.2345678901234567e-123 '.repeat(40)")
     assert page.evaluate(
         "elvis.stage.getBoundingClientRect().bottom <= elvis.values.parentElement.getBoundingClientRect().top"
     )
+    plot.get_by_role("button", name="Close the plot").click()
+    settled(page, viewer)
 
 
 def test_names_of_data_are_text(page, scene):

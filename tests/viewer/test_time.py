@@ -1,5 +1,7 @@
 """Series in the viewer: the slider, playing, values over time, a run that goes on."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from driving import PATIENCE, canvas_place, picture, settled
@@ -68,10 +70,11 @@ def test_steps_are_shown_played_and_plotted(files, start, browser, tmp_path):
 
     page.get_by_role("button", name="over time").click()
     page.mouse.click(*canvas_place(page, 254, 98))
-    page.get_by_role("link", name="CSV").wait_for()
-    table = page.evaluate("async () => (await fetch(document.querySelector('dialog a').href)).text()").splitlines()
-    rows = np.array([line.split(",") for line in table[1:]], float)
-    assert table[0] == 'time,x,y,z,"u"'
+    with page.expect_download() as started:
+        page.get_by_label("save the plot").select_option("CSV")
+    table = Path(started.value.path()).read_text().splitlines()
+    rows = np.array([line.rpartition('",')[2].split(",") for line in table[1:]], float)
+    assert table[0] == 'source,time,x,y,z,"u"'
     assert rows[:, 0].tolist() == TIMES
     wanted = [polynomial(row[None, 1:4], row[0], 1)[0] for row in rows]
     assert np.allclose(rows[:, 4], wanted, rtol=0, atol=1e-12)

@@ -54,6 +54,7 @@ def test_objects_change_places(page, viewer, tree):
     assert [kind for kind, _ in objects(viewer)] == ["isosurface", "cut", "faces"]
     assert page.evaluate("document.activeElement.getAttribute('aria-label')") == "move 2 cut"
     camera = viewer.session.table["camera"]
+    tree.get_by_label("add an object").scroll_into_view_if_needed()
     last = tree.get_by_role("button", name="move 3 faces").bounding_box()
     first = tree.get_by_role("button", name="move 1 isosurface").bounding_box()
     page.mouse.move(last["x"] + 5, last["y"] + 5)

@@ -138,6 +138,7 @@ class _Drawing:
             "pick": self._pick,
             "seen": self._seen,
             "line": self._line,
+            "section": self._section,
             "check": self._check,
             "histogram": self._histogram,
             "extrema": self._extrema,
@@ -349,6 +350,15 @@ class _Drawing:
             "values": [[_number(value) for value in row] for row in samples.values.T.tolist()],
             "elements": samples.location.element_id.tolist(),
         }
+
+    def _section(self, _: int, content: Table) -> Table:
+        """Exact values of quantities along the wall at a place."""
+        from elvis.viewer.wall_sections import wall_section
+
+        dataset = self._dataset("wall sections")
+        found = wall_section(dataset, content["place"], content["quantities"], content.get("axis"))
+        columns = {name: [_number(value) for value in own] for name, own in found["columns"].items()}
+        return {**found, "columns": columns}
 
     def _linear(self, number: int, content: Table) -> Table:
         """The last picture with linear elements, as the file of its image in base64.

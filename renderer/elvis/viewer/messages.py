@@ -132,6 +132,22 @@ class Line(Message):
     content: Segment
 
 
+class OnWall(Message):
+    """Quantities along the wall at a place; the axis at right angles to the section, None to choose it."""
+
+    place: Place
+    quantities: Annotated[list[Text], Field(max_length=MAX_QUANTITIES)]
+    axis: Literal["x", "y", "z"] | None = None
+
+
+class Section(Message):
+    """Values along a wall."""
+
+    type: Literal["section"]
+    id: Id
+    content: OnWall
+
+
 class QuantityAt(Message):
     """A quantity at a place."""
 
@@ -187,7 +203,7 @@ class Write(Message):
 
 
 #: messages that ask for something
-Question: TypeAlias = Linear | Pick | Line | History | OfQuantity | Seen | Copy | Write
+Question: TypeAlias = Linear | Pick | Line | Section | History | OfQuantity | Seen | Copy | Write
 AnyMessage: TypeAlias = Shown | Change | Size | Hide | Unhide | Step | Proof | ReadAgain | Question
 
 _ADAPTER: TypeAdapter[AnyMessage] = TypeAdapter(Annotated[AnyMessage, Field(discriminator="type")])

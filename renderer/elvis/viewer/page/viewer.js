@@ -446,7 +446,8 @@ class Handles {
   draw() {
     const { picture, facts, canvas, peak } = this.viewer;
     const surface = picture && facts?.kind === "solid" ? this.surface() : null;
-    if (!picture || !(surface || peak)) {
+    const marks = picture ? this.viewer.plots.marks() : [];
+    if (!picture || !(surface || peak || marks.length)) {
       this.svg.replaceChildren();
       return;
     }
@@ -457,7 +458,22 @@ class Handles {
     Object.assign(this.svg.style, { width: canvas.style.width, height: canvas.style.height });
     const drawings = { center: () => this.sphere(surface), normal: () => this.plane(surface), apex: () => this.cone(surface), axis: () => this.cylinder(surface) };
     const kind = Object.keys(drawings).find((name) => surface?.[name]);
-    this.svg.replaceChildren(...(kind ? drawings[kind]() : []), ...(peak ? this.mark(peak) : []));
+    const { cursor } = this.viewer.plots;
+    this.svg.replaceChildren(...marks.flatMap(([color, points]) => this.track(color, points)), ...(cursor ? this.spot(cursor) : []),
+      ...(kind ? drawings[kind]() : []), ...(peak ? this.mark(peak) : []));
+  }
+
+  // where the values of a plot come from, in the colour of their curve
+  track(color, points) {
+    const places = points.map((one) => this.seen(one)), ratio = this.viewer.density;
+    if (places.length === 1) return this.spot(points[0], color);
+    const text = places.map(({ x, y }) => `${x.toFixed(1)},${y.toFixed(1)}`).join(" ");
+    return [["#fff", 4.5], [color, 2]].map(([stroke, width]) => shape("polyline", { points: text, fill: "none", stroke, "stroke-width": width * ratio }));
+  }
+
+  spot(point, color = "#d0481a") {
+    const { x, y } = this.seen(point), ratio = this.viewer.density;
+    return [shape("circle", { cx: x, cy: y, r: 5 * ratio, fill: color, stroke: "#fff", "stroke-width": 1.5 * ratio })];
   }
 
   // a cross with its value, where a field has its minimum or maximum
@@ -1205,6 +1221,409 @@ class Toggles {
   }
 }
 
+// ---------------------------------------------------------------- plots below the picture
+
+//: colours of curves, distinct in light and dark pages
+const CURVES = ["#2a78b8", "#d9591a", "#2f9e5b", "#9b59b6", "#a8790b", "#159a9a"];
+//: their dashes, so that curves are seen that lie on each other
+const DASHES = ["", "8 4", "2 4", "9 3 2 3"];
+//: values of a curve up to which each has a dot
+const FEW = 60;
+//: what a plot shows: its title, the columns that its x axis can show, and what asks for values
+const PLOTS = {
+  line: { title: "along lines", columns: ["distance", "x", "y", "z"],
+    read: async (viewer, { start, end }, quantity) => {
+      const { points, values, elements } = await viewer.ask("line", { start, end, quantities: [quantity] });
+      const [x, y, z] = [0, 1, 2].map((axis) => points.map((point) => point[axis]));
+      return { columns: { distance: points.map((point) => length(minus(point, points[0]))), x, y, z, element: elements }, values: values[0] };
+    } },
+  section: { title: "along walls", columns: ["x/c", "length", "x", "y", "z"],
+    read: async (viewer, source, quantity) => {
+      const { wall, axis, columns } = await viewer.ask("section", { place: source.place, axis: source.axis ?? null, quantities: [quantity] });
+      Object.assign(source, { axis, wall, name: axis ? `${wall}, ${axis} = ${short(source.place["xyz".indexOf(axis)])}` : wall });
+      const { [quantity]: values, ...rest } = columns;
+      return { columns: rest, values };
+    } },
+  time: { title: "over time", columns: ["time"],
+    read: async (viewer, { place }, quantity) => {
+      const { times, values } = await viewer.ask("history", { quantity, place });
+      const [x, y, z] = [0, 1, 2].map((axis) => times.map(() => place[axis] ?? 0));
+      return { columns: { time: times, x, y, z }, values };
+    } },
+  histogram: { title: "histogram by volume", columns: ["value"],
+    read: async (viewer, _, quantity) => {
+      const { low, high, shares } = await viewer.ask("histogram", quantity);
+      const edges = Array.from({ length: shares.length + 1 }, (_one, i) => low + ((high - low) * i) / shares.length);
+      return { columns: { value: edges.slice(0, -1), "value up to": edges.slice(1) }, values: shares };
+    } },
+};
+//: sizes in a plot: margins, height of the axis below, of a legend's line
+const FRAME = { left: 74, right: 14, top: 12, bottom: 38, legend: 16, least: 120 };
+
+// A plot that stays: curves of several sources, one frame for each quantity, with common x axis.
+class Plot {
+  constructor(plots, kind, quantity) {
+    Object.assign(this, { plots, viewer: plots.viewer, kind, sources: [], quantities: [quantity], x: PLOTS[kind].columns[0] });
+    this.body = make("div", { className: "elvis-plot-body" });
+    this.head = make("div", { className: "elvis-plot-head" });
+    this.readout = make("output", { className: "elvis-aside", ariaLabel: "values at the cursor" });
+    this.root = make("section", { className: "elvis-plot", ariaLabel: `plot ${PLOTS[kind].title}` }, this.head, this.body, this.readout);
+    new ResizeObserver(() => this.draw()).observe(this.body);
+  }
+
+  // a source's color is the first one that no other has
+  async add(source) {
+    const taken = this.sources.map((one) => one.color);
+    const color = CURVES.find((one) => !taken.includes(one)) ?? CURVES[this.sources.length % CURVES.length];
+    const own = { color, dash: DASHES[CURVES.indexOf(color) % DASHES.length], curves: new Map(), ...source };
+    await this.read(own);
+    this.sources.push(own);
+    this.draw();
+  }
+
+  async read(source, quantities = this.quantities) {
+    for (const quantity of quantities) source.curves.set(quantity, await PLOTS[this.kind].read(this.viewer, source, quantity));
+  }
+
+  // values at another moment
+  async refresh() {
+    for (const source of this.sources) await this.read(source);
+    this.draw();
+  }
+
+  async addQuantity(quantity) {
+    if (this.quantities.includes(quantity)) return;
+    try {
+      for (const source of this.sources) await this.read(source, [quantity]);
+      this.quantities.push(quantity);
+    } catch (error) {
+      this.viewer.fail({ text: error.message });
+    }
+    this.draw();
+  }
+
+  remove(source) {
+    this.sources = this.sources.filter((one) => one !== source);
+    if (this.sources.length) this.draw();
+    else this.plots.close(this);
+  }
+
+  // ---- controls
+
+  heading() {
+    const button = (text, title, act) => make("button", { type: "button", title, ariaLabel: title, onclick: act }, text);
+    const names = Object.entries(this.viewer.facts.quantities ?? {});
+    const more = make("select", { ariaLabel: "add a quantity to the plot", onchange: (e) => e.target.selectedIndex && this.addQuantity(e.target.value) }, make("option", {}, "quantity…"),
+      ...names.map(([label, own]) => make("optgroup", { label }, ...own.map((name) => make("option", {}, name)))));
+    const { columns } = PLOTS[this.kind];
+    const across = make("select", { ariaLabel: "x axis", onchange: (e) => { this.x = columns[e.target.selectedIndex]; this.draw(); } }, ...columns.map((name) => make("option", { selected: name === this.x }, name)));
+    return [make("h3", {}, PLOTS[this.kind].title), more, ...(columns.length > 1 ? [across] : []), ...this.normals(),
+      this.saving(), button("×", "Close the plot", () => this.plots.close(this))];
+  }
+
+  saving() {
+    const types = ["csv", "svg", "png"];
+    const choose = (e) => {
+      const type = types[e.target.selectedIndex - 1];
+      e.target.selectedIndex = 0;
+      this.save(type);
+    };
+    return make("select", { ariaLabel: "save the plot", onchange: choose }, make("option", {}, "save…"), ...types.map((type) => make("option", {}, type.toUpperCase())));
+  }
+
+  // the direction at right angles to the last section
+  normals() {
+    const last = this.sources.at(-1);
+    if (this.kind !== "section" || !last?.axis) return [];
+    const choose = async (axis) => {
+      const old = last.axis;
+      last.axis = axis;
+      try {
+        await this.read(last);
+      } catch (error) {
+        last.axis = old;
+        this.viewer.fail({ text: error.message });
+      }
+      this.draw();
+    };
+    return [make("select", { ariaLabel: "normal of the section", title: "Direction at right angles to the last section", onchange: (e) => choose("xyz"[e.target.selectedIndex]) },
+      ...["x", "y", "z"].map((axis) => make("option", { selected: axis === last.axis }, `normal ${axis}`)))];
+  }
+
+  chips() {
+    const source = (one) => {
+      const mark = shape("svg", { width: 22, height: 4, "aria-hidden": "true" });
+      mark.append(shape("path", { d: "M0 2h22", stroke: one.color, "stroke-width": 3, "stroke-dasharray": one.dash }));
+      return make("span", { className: "elvis-chip" }, mark, one.name, make("button", { type: "button", className: "elvis-mini", ariaLabel: `remove ${one.name}`, title: "Remove the curve", onclick: () => this.remove(one) }, "×"));
+    };
+    const quantity = (name) => make("span", { className: "elvis-chip" }, name, make("button", { type: "button", className: "elvis-mini", ariaLabel: `remove ${name}`, title: "Remove the quantity", onclick: () => { this.quantities = this.quantities.filter((other) => other !== name); this.draw(); } }, "×"));
+    return make("div", { className: "elvis-chips" }, ...this.sources.map(source), ...(this.quantities.length > 1 ? this.quantities.map(quantity) : []));
+  }
+
+  // ---- drawing
+
+  draw() {
+    if (!this.sources.length) return;
+    this.viewer.refill(this.head, [...this.heading(), this.chips()]);
+    const width = Math.max(300, this.body.clientWidth - 2), height = Math.max(this.body.clientHeight - 4, FRAME.least * this.quantities.length);
+    this.svg = this.picture(width, height, false);
+    this.svg.addEventListener("pointermove", (e) => this.point(e.clientX));
+    this.svg.addEventListener("pointerleave", () => this.point(null));
+    this.svg.addEventListener("keydown", (e) => this.key(e));
+    this.body.replaceChildren(this.svg);
+    this.viewer.handles.draw();
+  }
+
+  // the plot as SVG; a saved one has a legend
+  picture(width, height, isSaved) {
+    const svg = shape("svg", { viewBox: `0 0 ${width} ${height}`, width, height, role: "img", tabindex: 0, "font-family": "system-ui, DejaVu Sans, sans-serif", "aria-label": this.described() });
+    const top = isSaved ? FRAME.legend * this.sources.length + 4 : 0;
+    if (isSaved) svg.append(...this.sources.flatMap((one, i) => this.legend(one, 14 + FRAME.legend * i)));
+    const share = (height - top) / this.quantities.length;
+    this.frames = this.quantities.map((quantity, i) => new PlotFrame(this, quantity, [FRAME.left, top + i * share + FRAME.top, width - FRAME.left - FRAME.right, share - FRAME.top - FRAME.bottom]));
+    svg.append(...this.frames.flatMap((frame) => frame.shapes()));
+    return svg;
+  }
+
+  legend({ color, dash, name }, y) {
+    return [shape("path", { d: `M${FRAME.left} ${y - 4}h24`, stroke: color, "stroke-width": 2, "stroke-dasharray": dash }), shape("text", { x: FRAME.left + 30, y, "font-size": 12, fill: "currentColor" }, name)];
+  }
+
+  described() {
+    return `${this.quantities.join(", ")} over ${this.x}: ${this.sources.map((one) => one.name).join("; ")}`;
+  }
+
+  // ---- values at the cursor
+
+  point(clientX) {
+    const first = this.sources[0]?.curves.get(this.quantities[0]);
+    if (clientX === null || !first) return this.show(null);
+    const box = this.svg.getBoundingClientRect(), frame = this.frames[0];
+    const value = frame.valueAt(((clientX - box.left) * this.svg.viewBox.baseVal.width) / box.width);
+    const along = first.columns[this.x];
+    this.show(along.reduce((best, one, i) => (Math.abs(one - value) < Math.abs(along[best] - value) ? i : best), 0));
+  }
+
+  key(event) {
+    const step = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
+    const first = this.sources[0]?.curves.get(this.quantities[0]);
+    if (!step || !first) return;
+    event.preventDefault();
+    const count = first.values.length;
+    this.show(Math.min(count - 1, Math.max(0, (this.cursor ?? Math.floor(count / 2)) + step * (event.shiftKey ? 10 : 1))));
+  }
+
+  // the values of the first curve at a point, which is marked in the picture
+  show(index) {
+    this.cursor = index;
+    const own = this.sources[0], place = index === null ? null : own.curves.get(this.quantities[0]).columns;
+    this.viewer.plots.cursor = place?.z ? ["x", "y", "z"].map((axis) => place[axis][index]) : null;
+    for (const frame of this.frames) frame.point(index);
+    const values = index === null ? [] : this.quantities.map((quantity) => `${quantity} = ${own.curves.get(quantity).values[index] ?? "not a number"}`);
+    this.readout.textContent = index === null ? "" : [`${this.x} = ${short(place[this.x][index])}`, ...values].join("   ");
+    this.viewer.handles.draw();
+  }
+
+  // ---- files
+
+  csv() {
+    const quote = (text) => `"${text.replaceAll('"', '""')}"`;
+    const names = Object.keys(this.sources[0].curves.get(this.quantities[0]).columns).filter((name) => !["point", "status"].includes(name));
+    const rows = this.sources.flatMap((source) => {
+      const { columns, values } = source.curves.get(this.quantities[0]);
+      return values.map((_, i) => [quote(source.name), ...names.map((name) => columns[name]?.[i] ?? ""), ...this.quantities.map((quantity) => source.curves.get(quantity).values[i] ?? "NaN")].join(","));
+    });
+    return [["source", ...names, ...this.quantities.map(quote)].join(","), ...rows, ""].join("\n");
+  }
+
+  async save(type) {
+    const name = `${this.viewer.facts.name ?? "elvis"}-${this.kind}.${type}`;
+    const give = (blob) => make("a", { href: URL.createObjectURL(blob), download: name }).click();
+    if (type === "csv") return give(new Blob([this.csv()], { type: "text/csv" }));
+    const [width, height] = [720, 40 + 260 * this.quantities.length], svg = this.picture(width, height, true);
+    svg.setAttribute("color", "#1b1f24");
+    svg.prepend(shape("rect", { width, height, fill: "#ffffff" }));
+    const file = new Blob([new XMLSerializer().serializeToString(svg)], { type: "image/svg+xml" });
+    this.draw();
+    if (type === "svg") return give(file);
+    const image = new Image(), canvas = make("canvas", { width: 2 * width, height: 2 * height });
+    image.src = URL.createObjectURL(file);
+    await image.decode();
+    canvas.getContext("2d").drawImage(image, 0, 0, 2 * width, 2 * height);
+    canvas.toBlob(give);
+  }
+}
+
+// One quantity of a plot: axes with names, a curve for each source.
+class PlotFrame {
+  constructor(plot, quantity, [left, top, width, height]) {
+    Object.assign(this, { plot, quantity, left, top, width, height });
+    this.curves = plot.sources.map((source) => ({ source, ...source.curves.get(quantity) })).filter((one) => one.values);
+    const isHistogram = plot.kind === "histogram";
+    this.along = ({ columns }) => columns[plot.x];
+    const across = this.curves.flatMap((one) => (isHistogram ? [one.columns.value[0], one.columns["value up to"].at(-1)] : this.along(one)));
+    const values = this.curves.flatMap((one) => one.values.filter((value) => value !== null));
+    this.ends = [extent(across), isHistogram ? [0, extent(values)[1]] : widened(extent(values))];
+    // pressure coefficients are drawn with suction upwards
+    this.isReversed = /^c_?p$/i.test(quantity) && plot.kind === "section";
+  }
+
+  x(value) {
+    const [low, high] = this.ends[0];
+    return this.left + (this.width * (value - low)) / (high - low || 1);
+  }
+
+  y(value) {
+    const [low, high] = this.ends[1], part = (value - low) / (high - low || 1);
+    return this.top + this.height * (this.isReversed ? part : 1 - part);
+  }
+
+  valueAt(x) {
+    const [low, high] = this.ends[0];
+    return low + ((x - this.left) * (high - low)) / this.width;
+  }
+
+  shapes() {
+    const foot = this.top + this.height, text = { "font-size": 12, fill: "currentColor" };
+    const { plot } = this, [below, beside] = this.ends.map(([low, high]) => roundValues(low, high));
+    const rules = [...below.map((value) => `M${this.x(value)} ${this.top}V${foot}`), ...beside.map((value) => `M${this.left} ${this.y(value)}h${this.width}`)];
+    const middle = this.top + this.height / 2;
+    const name = plot.kind === "histogram" ? "share of volume" : `${this.quantity}${this.isReversed ? " (reversed)" : ""}`;
+    this.cursor = shape("path", { stroke: "currentColor", fill: "none", "stroke-dasharray": "3 3" });
+    return [shape("path", { d: rules.join(""), stroke: "currentColor", opacity: 0.13, fill: "none" }),
+      shape("path", { d: `M${this.left} ${this.top}V${foot}h${this.width}`, stroke: "currentColor", fill: "none" }),
+      ...this.curves.flatMap((one) => this.curve(one)),
+      ...beside.map((value) => shape("text", { ...text, x: this.left - 6, y: this.y(value) + 4, "text-anchor": "end" }, short(value))),
+      ...below.map((value) => shape("text", { ...text, x: this.x(value), y: foot + 15, "text-anchor": "middle" }, short(value))),
+      shape("text", { ...text, x: this.left + this.width / 2, y: foot + 31, "text-anchor": "middle" }, plot.kind === "histogram" ? this.quantity : plot.x),
+      shape("text", { ...text, "text-anchor": "middle", transform: `translate(14 ${middle}) rotate(-90)` }, name), this.cursor];
+  }
+
+  curve(one) {
+    const { color, dash } = one.source, isHistogram = this.plot.kind === "histogram";
+    const line = shape("path", { d: isHistogram ? this.steps(one) : this.path(one), fill: "none", stroke: color, "stroke-width": 1.8, "stroke-linejoin": "round", "stroke-dasharray": dash });
+    if (isHistogram || one.values.length > FEW) return [line];
+    const along = this.along(one);
+    return [line, ...one.values.map((value, i) => value !== null && shape("circle", { cx: this.x(along[i]), cy: this.y(value), r: 2.5, fill: color })).filter(Boolean)];
+  }
+
+  // a curve, interrupted where there are no values and between several curves of a wall
+  path(one) {
+    const along = this.along(one), parts = one.columns.curve ?? [];
+    let isDown = false;
+    return one.values.map((value, i) => {
+      if (value === null || along[i] === null) {
+        isDown = false;
+        return "";
+      }
+      const pen = isDown && parts[i] === parts[i - 1] ? "L" : "M";
+      isDown = true;
+      return `${pen}${this.x(along[i]).toFixed(2)} ${this.y(value).toFixed(2)}`;
+    }).join("");
+  }
+
+  steps({ columns, values }) {
+    const foot = this.y(0).toFixed(2);
+    return values.map((share, i) => `M${this.x(columns.value[i]).toFixed(2)} ${foot}V${this.y(share).toFixed(2)}H${this.x(columns["value up to"][i]).toFixed(2)}V${foot}`).join("");
+  }
+
+  point(index) {
+    const first = this.curves[0];
+    const x = index === null || !first ? null : this.x(this.along(first)[index]);
+    this.cursor.setAttribute("d", x === null ? "" : `M${x} ${this.top}v${this.height}`);
+  }
+}
+
+const extent = (values) => values.reduce(([low, high], value) => [Math.min(low, value), Math.max(high, value)], [Infinity, -Infinity]);
+
+// an interval with room above and below
+function widened([low, high]) {
+  const room = 0.04 * (high - low) || 0.04 * Math.abs(high) || 1;
+  return [low - room, high + room];
+}
+
+// The plots below the picture, at most one of each kind; they follow the time that is shown.
+class Plots {
+  constructor(viewer) {
+    Object.assign(this, { viewer, all: [], height: 270, cursor: null });
+    this.row = make("div", { className: "elvis-plot-row" });
+    this.sash = make("div", { className: "elvis-sash", tabIndex: 0, title: "Drag or use arrow keys: height of the plots" });
+    for (const [name, value] of Object.entries({ role: "separator", "aria-orientation": "horizontal", "aria-label": "height of the plots", "aria-valuemin": 140, "aria-valuemax": 700 })) this.sash.setAttribute(name, value);
+    this.sash.addEventListener("pointerdown", (e) => this.sash.setPointerCapture(e.pointerId));
+    this.sash.addEventListener("pointermove", (e) => this.sash.hasPointerCapture(e.pointerId) && this.resize(this.root.getBoundingClientRect().bottom - e.clientY));
+    this.sash.addEventListener("keydown", (e) => this.key(e));
+    this.root = make("section", { className: "elvis-plots", ariaLabel: "plots", hidden: true }, this.sash, this.row);
+  }
+
+  key(event) {
+    const step = { ArrowUp: 20, ArrowDown: -20 }[event.key];
+    if (!step) return;
+    event.preventDefault();
+    event.stopPropagation();
+    this.resize(this.height + step);
+  }
+
+  resize(height) {
+    this.height = Math.round(Math.min(700, Math.max(140, height)));
+    this.root.style.height = `${this.height}px`;
+    this.sash.setAttribute("aria-valuenow", this.height);
+  }
+
+  // add a curve to the plot of its kind, or to a new one
+  async add(kind, source) {
+    const existing = this.all.find((plot) => plot.kind === kind);
+    const plot = existing ?? new Plot(this, kind, this.initial(kind));
+    try {
+      if (!existing) {
+        this.all.push(plot);
+        this.row.append(plot.root);
+        this.root.hidden = false;
+        this.resize(this.height);
+      }
+      await plot.add(source);
+    } catch (error) {
+      if (!plot.sources.length) this.close(plot);
+      this.viewer.fail({ text: error.message });
+    }
+  }
+
+  // the field of the picture; on walls the pressure coefficient, if the data have it
+  initial(kind) {
+    const names = Object.values(this.viewer.facts.quantities ?? {}).flat();
+    const coefficient = kind === "section" ? names.find((name) => /^c_?p$/i.test(name)) : null;
+    return coefficient ?? this.viewer.picture.field;
+  }
+
+  close(plot) {
+    this.all = this.all.filter((one) => one !== plot);
+    plot.root.remove();
+    this.root.hidden = !this.all.length;
+    this.cursor = null;
+    this.viewer.handles.draw();
+  }
+
+  // values of the picture's time, where it is another one than before
+  follow() {
+    const { step, time, phase, deform } = this.viewer.table, moment = JSON.stringify([step, time, phase, deform?.scale]);
+    if (this.moment !== undefined && this.moment !== moment) {
+      for (const plot of this.all) if (plot.kind !== "time") plot.refresh().catch((error) => this.viewer.fail({ text: error.message }));
+    }
+    this.moment = moment;
+  }
+
+  // points, lines and sections of the plots, for the picture: [colour, points]
+  marks() {
+    const found = this.all.flatMap((plot) => plot.sources.map((source) => [source.color, this.pointsOf(plot, source)]));
+    return found.filter(([, points]) => points.length);
+  }
+
+  pointsOf(plot, source) {
+    if (plot.kind === "time") return [source.place];
+    const columns = plot.kind === "histogram" ? {} : source.curves.get(plot.quantities[0])?.columns ?? {};
+    return (columns.x ?? []).map((x, i) => [x, columns.y[i], columns.z[i]]);
+  }
+}
+
 // ---------------------------------------------------------------- the tree of data, and the objects in their order
 
 const SHAPES = { tetrahedron: "tetrahedra", hexahedron: "hexahedra" };
@@ -1423,7 +1842,7 @@ class DataTree {
       own.setPointerCapture(e.pointerId);
       this.dragged = { place, to: place };
       e.preventDefault();
-      own.focus();
+      own.focus({ preventScroll: true });
     });
     own.addEventListener("pointermove", (e) => this.dragged && this.drag(e, count));
     for (const kind of ["pointerup", "pointercancel"]) own.addEventListener(kind, () => this.drop());
@@ -1490,7 +1909,9 @@ class Viewer {
     this.error = make("div", { className: "elvis-error", hidden: true, role: "alert", title: "Click to dismiss", onclick: () => { this.error.hidden = true; } });
     this.tip = make("div", { className: "elvis-tip", hidden: true, "aria-hidden": "true" });
     this.stage = make("div", { className: "elvis-stage", tabIndex: 0, "aria-label": "picture: arrow keys turn, + and - zoom, shift and arrows pan, f fits" },
-      this.canvas, this.error, this.tip);
+      this.canvas, this.error, this.tip, this.prompt);
+    this.prompt = make("div", { className: "elvis-prompt", hidden: true, role: "status" });
+    this.plots = new Plots(this);
     this.handles = new Handles(this);
     this.linear = new LinearSide(this);
     this.barGrips = new BarGrips(this);
@@ -1505,7 +1926,7 @@ class Viewer {
     this.copyAll = make("button", { type: "button", hidden: true, title: "Copy the value, position and element with all digits", onclick: () => this.copyPicked() }, "copy all");
     this.counts = make("span", {});
     this.busy = make("span", { className: "elvis-busy", hidden: true, ariaLabel: "activity" });
-    this.root = make("div", { className: "elvis" }, this.tools(), make("div", { className: "elvis-side" }, this.tree.root, this.panel), this.stage, make("div", { className: "elvis-status" }, this.busy, this.counts, this.copyAll, this.values));
+    this.root = make("div", { className: "elvis" }, this.tools(), make("div", { className: "elvis-side" }, this.tree.root, this.panel), this.stage, this.plots.root, make("div", { className: "elvis-status" }, this.busy, this.counts, this.copyAll, this.values));
     this.dialog = make("dialog", {});
     this.root.append(this.dialog);
     this.frame = make("div", { className: "elvis-frame" }, this.root);
@@ -1522,10 +1943,12 @@ class Viewer {
     this.undoButton = button("↶", "Undo (Ctrl+Z)", () => this.model.send({ type: "undo" }));
     this.redoButton = button("↷", "Redo (Ctrl+Y)", () => this.model.send({ type: "redo" }));
     this.proofButton = button("proof", "Mark the pixels that are not certain", () => this.model.send({ type: "proof", on: this.proofButton.ariaPressed !== "true" }));
-    this.lineButton = button("line", "Click two points: plot exact values along a line", () => this.setMode(this.mode === "line" ? "turn" : "line"));
+    const plotting = (mode, text, title) => button(text, title, () => this.setMode(this.mode === mode ? "turn" : mode));
+    this.modes = { line: plotting("line", "line", "Click two points: plot exact values along a line"), section: plotting("section", "wall plot", "Click a wall: plot exact values along a section of it"), time: this.timeBar.values };
+    const histogram = button("histogram", "Plot how much of the volume has which values", () => this.plots.add("histogram", { name: "all elements" }));
     this.freeButton = button("free", "Rotate freely instead of about the upright axis", () => { this.freeButton.ariaPressed = String(this.freeButton.ariaPressed !== "true"); });
     this.perspectiveButton = button("perspective", "Perspective or parallel view", () => this.look((camera) => projected(camera, !camera.fov)));
-    for (const one of [this.proofButton, this.lineButton, this.freeButton, this.perspectiveButton]) one.ariaPressed = "false";
+    for (const one of [this.proofButton, this.modes.line, this.modes.section, this.freeButton, this.perspectiveButton]) one.ariaPressed = "false";
     this.saving = make("select", { "aria-label": "save", onchange: (e) => this.save(e.target) },
       ...["save…", "picture .png", "figure .svg", "figure .pdf", "page .html", "record .npz", "record .exr", "scene .toml", "scene .yaml", "copy command", "copy Python", ...(this.model.restore ? ["copy link"] : [])].map((text) => make("option", {}, text)));
     const turnTo = (view) => {
@@ -1544,7 +1967,7 @@ class Viewer {
     const menu = button("≡", "Data, objects and settings", () => this.root.classList.toggle("elvis-open"));
     menu.className = "elvis-menu";
     return make("div", { className: "elvis-tools" }, menu, data, button("fit", "Fit the whole scene in this direction (f)", () => this.fit()), ...this.turning,
-      this.toggles.root, this.lineButton, this.proofButton, this.linear.choice, this.undoButton, this.redoButton, this.saving, this.timeBar.root);
+      this.toggles.root, this.modes.line, this.modes.section, histogram, this.proofButton, this.linear.choice, this.undoButton, this.redoButton, this.saving, this.timeBar.root);
   }
 
   // ---- messages
@@ -1681,6 +2104,7 @@ class Viewer {
     // requests about the previous picture are repeated
     this.point(this.pointer);
     this.linear.ask();
+    this.plots.follow();
     if (this.refit && !facts.camera.fov) this.look((camera) => projected(camera, true));
   }
 
@@ -2054,72 +2478,34 @@ class Viewer {
     return this.give("values", text);
   }
 
+  // what a click does: nothing more than to turn, or to choose what is plotted
   setMode(mode) {
     this.mode = mode;
     this.line = [];
-    this.lineButton.ariaPressed = String(mode === "line");
-    this.timeBar.values.ariaPressed = String(mode === "time");
+    for (const [name, button] of Object.entries(this.modes)) button.ariaPressed = String(mode === name);
+    this.guide();
+  }
+
+  guide() {
+    const texts = { line: ["Click the start of the line", "Click the end of the line"], section: ["Click a wall"], time: ["Click a point"] };
+    const text = texts[this.mode]?.[this.line.length];
+    this.prompt.hidden = !text;
+    this.prompt.textContent = text ? `${text} (Esc cancels)` : "";
   }
 
   async click(event) {
-    const found = await this.pick(event);
+    const found = await this.pick(event), { mode } = this;
     this.tell(found);
-    if (this.mode === "time" && found?.position) return this.plotOverTime(found.position);
-    if (this.mode !== "line" || !found?.position) return;
-    this.line.push(found.position);
-    if (this.line.length < 2) return;
-    const [start, end] = this.line;
-    this.setMode("turn");
-    try {
-      this.plot(await this.ask("line", { start, end, quantities: [this.picture.field] }));
-    } catch (error) {
-      this.fail({ text: error.message });
+    if (mode === "turn" || !found?.position) return;
+    if (mode === "line" && !this.line.length) {
+      this.line.push(found.position);
+      return this.guide();
     }
-  }
-
-  async plotOverTime(place) {
+    const [start] = this.line, place = found.position;
     this.setMode("turn");
-    try {
-      const { name, times: along, values } = await this.ask("history", { quantity: this.picture.field, place });
-      const rows = along.map((time, i) => [time, ...place, values[i] ?? "NaN"].join(","));
-      this.chart(along, values, `time; ${name} at ${place.map(short).join(", ")}`, ["time,x,y,z", name, rows], "time.csv");
-    } catch (error) {
-      this.fail({ text: error.message });
-    }
-  }
-
-  plot({ names, points, values, elements }) {
-    const along = points.map((point) => length(minus(point, points[0])));
-    const rows = points.map((point, i) => [along[i], ...point, elements[i], ...values.map((one) => one[i] ?? "NaN")].join(","));
-    this.chart(along, values[0], `distance; ${names[0]}`, ["distance,x,y,z,element", names[0], rows], "line.csv");
-  }
-
-  // a curve in a dialog, and its table: names of columns before the quantity, the quantity, rows
-  chart(along, values, caption, [columns, name, rows], file) {
-    const [width, height, left, top, right, bottom] = [640, 330, 92, 14, 30, 44];
-    const own = values.filter((value) => value !== null);
-    const [low, high] = [Math.min(...own), Math.max(...own)], [first, last] = [along[0], along.at(-1)];
-    const x = (s) => left + ((width - left - right) * (s - first)) / (last - first || 1);
-    const y = (v) => top + ((height - top - bottom) * (high - v)) / (high - low || 1);
-    let path = "", pen = "M";
-    values.forEach((value, i) => {
-      if (value === null) pen = "M";
-      else { path += `${pen}${x(along[i]).toFixed(2)} ${y(value).toFixed(2)}`; pen = "L"; }
-    });
-    const svg = shape("svg", { viewBox: `0 0 ${width} ${height}`, width, height, role: "img" });
-    const foot = height - bottom, text = { "font-size": 12, fill: "currentColor" };
-    const [below, beside] = [roundValues(first, last), roundValues(low, high)];
-    const marks = [...below.map((value) => `M${x(value)} ${foot}v4`), ...beside.map((value) => `M${left} ${y(value)}h-4`)];
-    svg.append(shape("path", { d: `M${left} ${top}V${foot}H${width - right}${marks.join("")}`, fill: "none", stroke: "currentColor" }),
-      shape("path", { d: path, fill: "none", stroke: "#1f77b4", "stroke-width": 2 }),
-      ...beside.map((value) => shape("text", { ...text, x: left - 7, y: y(value) + 4, "text-anchor": "end" }, short(value))),
-      ...below.map((value) => shape("text", { ...text, x: x(value), y: foot + 18, "text-anchor": "middle" }, short(value))),
-      shape("text", { ...text, x: (left + width - right) / 2, y: height - 6, "text-anchor": "middle" }, caption));
-    const csv = [`${columns},"${name.replaceAll('"', '""')}"`, ...rows, ""].join("\n");
-    const link = make("a", { href: URL.createObjectURL(new Blob([csv], { type: "text/csv" })), download: file }, "CSV");
-    const close = make("button", { type: "button", onclick: () => this.dialog.close() }, "close");
-    this.dialog.replaceChildren(svg, make("div", { className: "elvis-buttons" }, link, close));
-    this.dialog.showModal();
+    const near = (point) => `(${point.slice(0, this.facts.kind === "plane" ? 2 : 3).map((one) => Number(one.toPrecision(3))).join(", ")})`;
+    if (mode === "line") await this.plots.add("line", { start, end: place, name: `${near(start)} to ${near(place)}` });
+    else await this.plots.add(mode, { place, name: near(place) });
   }
 
   // ---- objects and their settings
