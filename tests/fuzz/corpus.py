@@ -530,6 +530,8 @@ MESSAGES = (
     {"type": "pick", "id": 2, "content": {"row": 10, "column": 20, "number": 3}},
     {"type": "line", "id": 3, "content": {"start": [0, 0, 0.5], "end": [1, 0, 0], "quantities": ["u", "d(u,x)"]}},
     {"type": "history", "id": "4", "content": {"quantity": "u", "place": [0.1, 0.2]}},
+    {"type": "section", "id": 9, "content": {"place": [0, 0, 1], "quantities": ["u"], "axis": "z"}},
+    {"type": "other", "id": 10, "content": {"name": "other", "draft": True}},
     {"type": "histogram", "id": 5, "content": "u"},
     {"type": "seen", "id": 6, "content": None},
     {"type": "copy", "id": 7, "content": "Python"},

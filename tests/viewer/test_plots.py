@@ -9,6 +9,7 @@ from driving import canvas_place, settled
 from elvis import Dataset, Shape
 from elvis.core.errors import ElvisError
 from elvis.core.testing import approximated, curved, grid, with_field
+from elvis.core.wall_curves import at_walls
 from elvis.viewer.wall_sections import wall_section
 
 
@@ -26,7 +27,8 @@ def test_sections_pass_through_the_point():
     mesh = curved(grid(Shape.HEXAHEDRON, 2), ball, n=5)
     bare = Dataset(mesh)
     dataset = Dataset(mesh, (approximated(bare, "u", lambda x: x[:, 0] - 2 * x[:, 1], 5),))
-    place = ball(np.array([[0.7, 0.4, 1.0]]))[0]
+    found = at_walls(dataset, "boundary", ball(np.array([[0.7, 0.4, 1.0]])), [])
+    place = np.array([found[name][0] for name in "xyz"])
     found = wall_section(dataset, place, ["u"], "y")
     columns = {name: np.array(own) for name, own in found["columns"].items()}
     assert (found["wall"], found["axis"]) == ("boundary", "y")
@@ -52,6 +54,7 @@ def test_walls_of_plane_data_are_followed():
 
 def test_plots_stay_and_are_saved(page, viewer, tmp_path):
     """Curves of one kind share a plot; a histogram has its own; SVG and PNG have named axes."""
+    page.set_viewport_size({"width": 1000, "height": 700})
     page.get_by_role("button", name="show boundary").click()
     settled(page, viewer)
     for row, column in ((0.4, 0.45), (0.45, 0.55)):
@@ -63,7 +66,7 @@ def test_plots_stay_and_are_saved(page, viewer, tmp_path):
         page.wait_for_function("(count) => elvis.plots.all[0]?.sources.length > count", arg=count)
         settled(page, viewer)
     page.get_by_role("button", name="histogram", exact=True).click()
-    page.get_by_role("region", name="plot histogram by volume").locator("path").first.wait_for()
+    page.get_by_role("region", name="plot histogram by volume").get_by_text("share of volume").wait_for()
     plot = page.get_by_role("region", name="plot along walls")
     assert plot.get_by_role("img").get_attribute("aria-label").startswith("u over x/c: boundary, ")
     assert plot.get_by_label("normal of the section").input_value().startswith("normal ")

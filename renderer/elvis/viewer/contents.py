@@ -1,7 +1,8 @@
-"""Contents of a dataset as the page lists them: elements, orders, boundaries and regions, with their numbers."""
+"""Contents of a dataset as the page lists them: elements, orders, boundaries, regions and names of quantities."""
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +11,7 @@ from elvis.core.distances.boundaries import boundaries, names_of_boundaries
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
     from elvis.core.mesh import Mesh
+    from elvis.core.quantities import Names
 
 #: regions that a page lists, at most
 MAX_REGIONS = 200
@@ -51,10 +53,35 @@ def _boundaries(mesh: Mesh) -> dict[str, int]:
 def _regions(mesh: Mesh) -> dict[str, int]:
     """Number of elements of each composite of elements; none if there is only one, which is the whole domain."""
     tags = {1: "S", 2: "TQ", 3: "APRH"}[mesh.dimension]
-    found = {}
+    found: dict[str, int] = {}
     for composite in mesh.composites:
         count = sum(len(ids) for tag, ids in composite.parts if tag in tags)
         if count:
             name = composite.name or str(composite.id)
             found[name] = found.get(name, 0) + count
     return dict(list(found.items())[:MAX_REGIONS]) if len(found) > 1 else {}
+
+
+def grouped_names(names: Names, has_elements: bool) -> dict[str, list[str]]:
+    """Quantities that can colour a picture, by chapter; each sorted alphabetically, with numbers by their value.
+
+    has_elements  whether the data have elements with properties, and fields with modes
+    """
+    chapters = {
+        "fields": names.fields,
+        "derived": names.flow.available,
+        "mesh": [*"xyz"[: names.dimension], *(names.of_elements if has_elements else ())],
+        "resolution": names.of_resolution if has_elements else (),
+    }
+    taken = set[str]()
+    found = {}
+    for title, listed in chapters.items():
+        found[title] = sorted((name for name in listed if name not in taken), key=_natural)
+        taken.update(found[title])
+    return found
+
+
+def _natural(name: str) -> list[tuple[bool, int, str]]:
+    """The key by which names are sorted: letters without their case, numbers by their size."""
+    parts = re.split(r"(\d+)", name.lower())
+    return [(part.isdecimal(), int(part) if part.isdecimal() else 0, part) for part in parts]

@@ -7,7 +7,6 @@ Requests and answers go through a pipe as tuples (name, number, content); errors
 from __future__ import annotations
 
 import os
-import re
 import signal
 from base64 import b64encode
 from collections.abc import Callable, Iterator
@@ -19,10 +18,10 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from elvis.viewer.encoding import file_of, lossless, lossy, png, with_proof
+from elvis.viewer.other_pictures import OtherPictures
 
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
-    from elvis.core.quantities import Names
     from elvis.plugins.data import Reading
     from elvis.plugins.opening import PluginData
     from elvis.renderer.bricks import Bricks, Opening
@@ -131,6 +130,9 @@ class _Drawing:
         #: the last whole picture, and the number of its request
         self._frame: Frame | None = None
         self._frame_number = 0
+        #: the last picture of any quality, and whether it is a draft
+        self._last: tuple[Frame, bool] | None = None
+        self._other_pictures = OtherPictures(source.device)
         self._histograms: dict[str, Table] = {}
         self._answers: dict[str, Callable[[int, Any], Any]] = {
             "facts": self._facts,
@@ -143,6 +145,7 @@ class _Drawing:
             "histogram": self._histogram,
             "extrema": self._extrema,
             "linear": self._linear,
+            "other": self._other,
             "save": self._save,
             "follow": self._follow,
             "history": self._history,
@@ -180,13 +183,13 @@ class _Drawing:
         from elvis.core.picturing import Kind
         from elvis.plugins.serving import names_of
         from elvis.renderer.bricks import Bricks
-        from elvis.viewer.contents import contents_of
+        from elvis.viewer.contents import contents_of, grouped_names
 
         data = self._few
         names = names_of(data)
         facts: Table = {
             "fields": list(names.fields),
-            "quantities": _grouped(names, isinstance(data, Dataset)),
+            "quantities": grouped_names(names, isinstance(data, Dataset)),
             "periods": {},
             "boundaries": [],
             "bodies": [],
@@ -195,6 +198,7 @@ class _Drawing:
             "box": None,
             "times": self._moments.times,
             "complex": list(names.complexes) if isinstance(data, Dataset) else [],
+            "others": list(data.others) if isinstance(data, Dataset) else [],
         }
         if isinstance(data, Dataset):
             facts["kind"] = Kind.of(data).name.lower()
@@ -229,6 +233,7 @@ class _Drawing:
         with stopped_when(lambda: self._newest.value > number), nullcontext() if is_final else drafted():
             frame = self._pictures.draw(scene)
         drawn = perf_counter()
+        self._last = frame, not is_final
         if is_final:
             self._frame, self._frame_number = frame, number
         file, layout = lossless(frame) if is_final else lossy(frame)
@@ -258,6 +263,7 @@ class _Drawing:
         self._data = data
         self._pictures.show(data)
         self._histograms.clear()
+        self._other_pictures.clear()
         for name in ("_element_sampler", "_linear_pictures"):
             self.__dict__.pop(name, None)
 
@@ -374,6 +380,19 @@ class _Drawing:
             record, simplices = self._linear_pictures.draw(self._frame, min(max(int(content["level"]), 0), MOST_CUTS))
         return {"file": b64encode(png(record.color)).decode(), "simplices": simplices}
 
+    def _other(self, number: int, content: Table) -> Table | None:
+        """The last picture drawn from another dataset, see `OtherPictures`; None before there is one.
+
+        content  ``name`` of the other dataset
+        """
+        from elvis.scene.time_limit import stopped_when
+
+        dataset = self._dataset("comparisons")
+        if self._last is None:
+            return None
+        with stopped_when(lambda: self._newest.value > number):
+            return self._other_pictures.draw(dataset, content["name"], *self._last)
+
     @cached_property
     def _linear_pictures(self) -> Any:
         """The renderer of linear elements, made on first use; ElvisError if the data are not a dataset."""
@@ -447,31 +466,6 @@ def _facts_of(frame: Frame, layout: Layout) -> Table:
         "field": frame.scene.field,
         "title": frame.title,
     }
-
-
-def _grouped(names: Names, has_elements: bool) -> dict[str, list[str]]:
-    """Quantities that can colour a picture, by chapter; each sorted alphabetically, with numbers by their value.
-
-    has_elements  whether the data have elements with properties, and fields with modes
-    """
-    chapters = {
-        "fields": names.fields,
-        "derived": names.flow.available,
-        "mesh": [*"xyz"[: names.dimension], *(names.of_elements if has_elements else ())],
-        "resolution": names.of_resolution if has_elements else (),
-    }
-    taken = set[str]()
-    found = {}
-    for title, listed in chapters.items():
-        found[title] = sorted((name for name in listed if name not in taken), key=_natural)
-        taken.update(found[title])
-    return found
-
-
-def _natural(name: str) -> list[tuple[bool, int, str]]:
-    """The key by which names are sorted: letters without their case, numbers by their size."""
-    parts = re.split(r"(\d+)", name.lower())
-    return [(part.isdecimal(), int(part) if part.isdecimal() else 0, part) for part in parts]
 
 
 def _middle_of(frame: Frame) -> list[float] | None:

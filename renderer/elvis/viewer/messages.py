@@ -100,6 +100,21 @@ class Linear(Message):
     content: Level
 
 
+class Beside(Message):
+    """The name of another dataset, and whether a draft of it is wanted."""
+
+    name: Key
+    draft: bool = False
+
+
+class Other(Message):
+    """Request for the last picture, drawn from another dataset."""
+
+    type: Literal["other"]
+    id: Id
+    content: Beside
+
+
 class Pixel(Message):
     """A pixel of the picture with a number."""
 
@@ -203,7 +218,7 @@ class Write(Message):
 
 
 #: messages that ask for something
-Question: TypeAlias = Linear | Pick | Line | Section | History | OfQuantity | Seen | Copy | Write
+Question: TypeAlias = Linear | Other | Pick | Line | Section | History | OfQuantity | Seen | Copy | Write
 AnyMessage: TypeAlias = Shown | Change | Size | Hide | Unhide | Step | Proof | ReadAgain | Question
 
 _ADAPTER: TypeAdapter[AnyMessage] = TypeAdapter(Annotated[AnyMessage, Field(discriminator="type")])

@@ -75,6 +75,7 @@ class Server:
         app.router.add_get("/{name:viewer\\.(?:js|css)}", self._page)
         app.router.add_get("/socket", self._socket)
         app.router.add_get("/save/{name}", self._save)
+        app.router.add_post("/compare", self._compare)
         self._hosts.add(host)
         self._runner = web.AppRunner(app, access_log=None, shutdown_timeout=1.0, logger=LOGGER)
         await self._runner.setup()
@@ -165,6 +166,18 @@ class Server:
             if not self.session.viewers:
                 self.on_empty()
         return socket
+
+    async def _compare(self, request: web.Request) -> web.Response:
+        """Take the files of a second dataset."""
+        from aiohttp import web
+
+        try:
+            if not request.content_type.startswith("multipart/"):
+                raise ElvisError("expected the files of a dataset as multipart/form-data")
+            await self.session.compare(await self.session.second.receive(await request.multipart()))
+        except (ElvisError, ValueError, OSError) as error:
+            return web.Response(status=400, text=f"{error}\n")
+        return web.Response(text="read\n")
 
     async def _save(self, request: web.Request) -> web.Response:
         """The scene, the picture or the record as a file that the browser keeps."""

@@ -27,6 +27,7 @@ from elvis.viewer.drawing_process import Process, Source
 from elvis.viewer.messages import AnyMessage, Message, Question, id_of, parsed
 from elvis.viewer.patches import FIXED, folder_of, patched, put_back, scene_of_page, without
 from elvis.viewer.placing import TakenError, place_of
+from elvis.viewer.second_data import SecondData, sources_with
 from elvis.viewer.sizing import LATE, Sizing
 from elvis.viewer.viewers import Viewer
 from elvis.viewer.watching import WatchedFiles
@@ -101,6 +102,7 @@ class Session:
         self.on_unreadable: Callable[[str], bool] = lambda reason: False
         self._drawer = Drawer(self.source, self.process)
         self._files = WatchedFiles(self.scene.data)
+        self.second = SecondData()
         #: changes on disk since the data were read
         self._stale = ""
         self._wake = asyncio.Event()
@@ -117,6 +119,7 @@ class Session:
         for task in self._tasks:
             task.cancel()
         self._drawer.close()
+        self.second.close()
 
     async def join(self, viewer: Viewer) -> None:
         """Somebody begins to look: the state, and the picture that there is."""
@@ -177,6 +180,8 @@ class Session:
             case messages.Write():
                 return await self._write(message.content.name, message.content.confirmed)
             case messages.Linear():
+                return await self._ask_leavably(message.type, message.content.model_dump())
+            case messages.Other() if not message.content.draft:
                 return await self._ask_leavably(message.type, message.content.model_dump())
         content = message.content
         known = content.model_dump(exclude_none=True) if isinstance(content, Message) else content
@@ -387,6 +392,34 @@ class Session:
         self.facts, self._stale = None, ""
         self.revision += 1
         self._wake_up()
+
+    async def compare(self, files: Sequence[Path]) -> None:
+        """Read a second dataset, for expressions and next to the first; ElvisError if that fails, nothing changes."""
+        before = self.source
+        reason: ElvisError | None = None
+        for source in sources_with(before, files):
+            try:
+                await self._read_from(source)
+            except ElvisError as error:
+                # the reason of the files alone is the more useful one
+                reason = reason or error
+            else:
+                return
+        await self._read_from(before)
+        assert reason is not None
+        raise reason
+
+    async def _read_from(self, source: Source) -> None:
+        """Read the data from another source, in a new process."""
+        await self._drawer.restart()
+        self.source = self._drawer.source = source
+        self.facts = None
+        await self._facts_once()
+        if source.reading is not None:
+            self.scene = replace(self.scene, others=source.reading.others)
+        self.revision += 1
+        self._wake_up()
+        await self._send_state()
 
     async def _send_state(self) -> None:
         for viewer in list(self.viewers):

@@ -913,77 +913,174 @@ class BarGrips {
   }
 }
 
-// ---------------------------------------------------------------- linear elements next to the exact picture
+// ---------------------------------------------------------------- another picture behind a divider, or next to the first
 
 //: available refinements
 const REFINEMENTS = [0, 1, 2, 3, 4];
 
-// To the right of a divider, the picture of linear elements; requested when a final picture has arrived.
-class LinearSide {
+// The picture of linear elements, or of a second dataset, from the same camera; requested when a picture has arrived.
+class Beside {
   constructor(viewer) {
-    Object.assign(this, { viewer, level: null, split: 0.5, asked: 0 });
-    this.canvas = make("canvas", { className: "elvis-linear" });
+    // shown: {type, content, note}, null for nothing; isApart: side by side
+    Object.assign(this, { viewer, shown: null, isApart: false, split: 0.5, asked: 0, before: null });
+    this.canvas = make("canvas", { className: "elvis-linear", ariaLabel: "the other picture" });
     this.note = make("span", { className: "elvis-caption" });
-    this.divider = make("div", { className: "elvis-divider", tabIndex: 0, title: "Drag or use arrow keys: exact picture on the left, linear elements on the right" });
+    this.own = make("span", { className: "elvis-caption" });
+    this.divider = make("div", { className: "elvis-divider", tabIndex: 0, title: "Drag or use arrow keys: move the border between the two pictures" });
     for (const [name, value] of Object.entries({ role: "separator", "aria-orientation": "vertical", "aria-label": "divider", "aria-valuemin": 0, "aria-valuemax": 100 })) {
       this.divider.setAttribute(name, value);
     }
-    this.parts = [this.canvas, this.note, this.divider];
+    this.parts = [this.canvas, this.note, this.own, this.divider];
     this.divider.addEventListener("pointerdown", (e) => this.divider.setPointerCapture(e.pointerId));
     this.divider.addEventListener("pointermove", (e) => this.divider.hasPointerCapture(e.pointerId) && this.move(this.under(e)));
     this.divider.addEventListener("keydown", (e) => this.key(e));
-    this.choice = make("select", { "aria-label": "linear elements", title: "Compare with the picture of linear elements", onchange: (e) => this.choose(e.target.selectedIndex) },
+    this.choice = make("select", { "aria-label": "linear elements", title: "Compare with the picture of linear elements", onchange: (e) => this.chooseLinear(e.target.selectedIndex) },
       make("option", {}, "linear: off"), ...REFINEMENTS.map((n) => make("option", {}, `linear: ${n} refinement${n === 1 ? "" : "s"}`)));
+    this.second = make("select", { "aria-label": "second dataset", title: "Compare with a second dataset; files can also be dropped on the picture", onchange: (e) => this.chooseOther(e.target.value) });
+    this.files = make("input", { type: "file", multiple: true, hidden: true, ariaLabel: "files of a second dataset", onchange: () => this.read([...this.files.files]) });
     this.clear();
   }
 
-  choose(index) {
-    this.level = index ? REFINEMENTS[index - 1] : null;
-    this.clear();
-    if (this.viewer.picture?.final) this.ask();
+  // ---- choices
+
+  chooseLinear(index) {
+    this.chosen = this.second.value = "";
+    this.restore();
+    const n = REFINEMENTS[index - 1];
+    this.choose(index ? { type: "linear", content: { level: n } } : null, false);
   }
+
+  chooseOther(text) {
+    this.choice.selectedIndex = 0;
+    const [how, name] = text.split(": ");
+    this.chosen = how === "files…" ? "" : text;
+    if (how === "files…") this.files.click();
+    if (how === "difference") this.subtract(name);
+    else this.restore();
+    this.choose(how === "divider" || how === "side by side" ? { type: "other", content: { name } } : null, how === "side by side");
+  }
+
+  choose(shown, isApart) {
+    Object.assign(this, { shown, isApart });
+    this.clear();
+    this.viewer.sized();
+    if (this.viewer.isWhole) this.ask();
+  }
+
+  // the difference of the field, in colours about zero; what was shown before comes back with another choice
+  subtract(name) {
+    this.restore();
+    const { viewer } = this, field = viewer.shown();
+    this.before = Object.fromEntries(["field", "palette", "range"].map((key) => [key, viewer.table[key] ?? null]));
+    this.field = `${field} - ${name}:${field}`;
+    viewer.change({ field: this.field, palette: "coolwarm", range: "visible" });
+  }
+
+  restore() {
+    const { before, viewer } = this;
+    this.before = null;
+    if (!before || viewer.table.field !== this.field) return;
+    viewer.change(Object.fromEntries(Object.entries(before).filter(([key, value]) => value !== null || viewer.table[key] !== undefined)));
+  }
+
+  // the datasets that can be compared
+  update() {
+    const { facts, model } = this.viewer, others = facts?.others ?? [];
+    const options = [...others.flatMap((name) => ["difference", "divider", "side by side"].map((how) => `${how}: ${name}`)), ...(model.upload ? ["files…"] : [])];
+    const text = options.join();
+    if (text === this.options) return;
+    this.options = text;
+    this.second.replaceChildren(make("option", { value: "" }, "compare: off"), ...options.map((one) => make("option", {}, one)));
+    this.second.value = this.chosen = options.includes(this.chosen) ? this.chosen : "";
+    this.second.hidden = !options.length;
+  }
+
+  // files that were chosen or dropped
+  async read(files) {
+    const { viewer } = this;
+    if (!files.length || !viewer.model.upload) return;
+    viewer.waitFor("reading the second dataset");
+    viewer.recover("reading");
+    try {
+      await viewer.model.upload(files);
+      this.name = files.map((file) => file.name).join(", ");
+      this.chooseOther("divider: other");
+      this.second.value = this.chosen;
+    } catch (error) {
+      viewer.fail({ text: error.message, until: "reading" });
+    }
+    this.files.value = "";
+  }
+
+  // ---- the picture
 
   clear() {
     this.asked += 1;
     for (const part of this.parts) part.hidden = true;
   }
 
+  // the last picture is a draft: a second dataset is drawn as well, one draft at a time
+  async draft() {
+    if (this.shown?.type !== "other") return this.clear();
+    if (this.isDrafting) return;
+    this.isDrafting = true;
+    const found = await this.request(true).catch(() => null);
+    this.isDrafting = false;
+    if (found && !this.viewer.isWhole) await this.take(found);
+  }
+
+  request(draft) {
+    const { type, content } = this.shown;
+    return this.viewer.ask(type, type === "other" ? { ...content, draft } : content);
+  }
+
   async ask() {
-    this.clear();
-    if (this.level === null) return;
+    const isKept = this.shown?.type === "other" && !this.canvas.hidden;
+    if (isKept) this.asked += 1;
+    else this.clear();
+    if (!this.shown) return;
     const { asked, viewer } = this;
     try {
-      const found = await viewer.ask("linear", { level: this.level });
-      const bytes = found && Uint8Array.from(atob(found.file), (one) => one.charCodeAt(0));
-      const picture = found && await createImageBitmap(new Blob([bytes]));
-      if (found && asked === this.asked) this.show(picture, found.simplices);
+      const found = await this.request(false);
+      if (found && asked === this.asked) await this.take(found);
     } catch (error) {
       if (asked !== this.asked) return;
       this.choice.selectedIndex = 0;
-      this.choose(0);
+      this.chosen = this.second.value = "";
+      this.choose(null, false);
       viewer.fail({ text: error.message });
     }
   }
 
-  show(picture, simplices) {
+  async take(found) {
+    const bytes = Uint8Array.from(atob(found.file), (one) => one.charCodeAt(0));
+    const picture = await createImageBitmap(new Blob([bytes]));
+    if (!this.shown) return;
     Object.assign(this.canvas, { width: picture.width, height: picture.height });
     this.canvas.getContext("2d").drawImage(picture, 0, 0);
-    this.note.textContent = `${simplices.toLocaleString("en")} linear simplices`;
+    const { name } = this.shown.content;
+    this.note.textContent = this.shown.type === "linear" ? `${found.simplices.toLocaleString("en")} linear simplices` : (name === "other" && this.name) || name;
+    this.own.textContent = (this.viewer.facts.files ?? []).join(", ");
     for (const part of this.parts) part.hidden = false;
+    this.divider.hidden = this.isApart;
+    this.own.hidden = this.shown.type === "linear";
     this.place();
   }
 
-  // over the image, to the right of the divider
+  // over the image, to the right of the divider; or in the other half of the page
   place() {
     if (this.canvas.hidden) return;
     const ratio = this.viewer.density;
     const [left, top, width, height] = this.viewer.picture.image.map((one) => one / ratio);
-    const at = this.split * width;
-    Object.assign(this.canvas.style, { left: `${left}px`, top: `${top}px`, width: `${width}px`, height: `${height}px`, clipPath: `inset(0 0 0 ${at}px)` });
+    const at = this.isApart ? 0 : this.split * width, away = this.isApart ? this.viewer.stage.clientWidth / 2 : 0;
+    Object.assign(this.canvas.style, { left: `${left + away}px`, top: `${top}px`, width: `${width}px`, height: `${height}px`, clipPath: `inset(0 0 0 ${at}px)` });
     Object.assign(this.divider.style, { left: `${left + at}px`, top: `${top}px`, height: `${height}px` });
-    Object.assign(this.note.style, { left: `${left + at + 8}px`, top: `${top + height - 30}px` });
+    Object.assign(this.note.style, { left: `${left + away + at + 8}px`, top: `${top + 6}px` });
+    Object.assign(this.own.style, { left: `${left + 8}px`, top: `${top + 6}px`, maxWidth: `${(at || width) - 16}px` });
     this.divider.setAttribute("aria-valuenow", Math.round(100 * this.split));
   }
+
+  // ---- the divider
 
   under(event) {
     const [column] = this.viewer.place(event);
@@ -1564,7 +1661,8 @@ class Plots {
   }
 
   resize(height) {
-    this.height = Math.round(Math.min(700, Math.max(140, height)));
+    // the picture keeps more than half of the page
+    this.height = Math.round(Math.max(140, Math.min(700, 0.45 * this.viewer.root.clientHeight, height)));
     this.root.style.height = `${this.height}px`;
     this.sash.setAttribute("aria-valuenow", this.height);
   }
@@ -1907,16 +2005,16 @@ class Viewer {
   build(el) {
     this.canvas = make("canvas", { width: 16, height: 16, "aria-label": "the picture" });
     this.error = make("div", { className: "elvis-error", hidden: true, role: "alert", title: "Click to dismiss", onclick: () => { this.error.hidden = true; } });
+    this.prompt = make("div", { className: "elvis-prompt", hidden: true, role: "status" });
     this.tip = make("div", { className: "elvis-tip", hidden: true, "aria-hidden": "true" });
     this.stage = make("div", { className: "elvis-stage", tabIndex: 0, "aria-label": "picture: arrow keys turn, + and - zoom, shift and arrows pan, f fits" },
       this.canvas, this.error, this.tip, this.prompt);
-    this.prompt = make("div", { className: "elvis-prompt", hidden: true, role: "status" });
     this.plots = new Plots(this);
     this.handles = new Handles(this);
-    this.linear = new LinearSide(this);
+    this.beside = new Beside(this);
     this.barGrips = new BarGrips(this);
     this.timeBar = new TimeBar(this);
-    this.canvas.after(...this.linear.parts, this.barGrips.svg, this.handles.svg);
+    this.canvas.after(...this.beside.parts, this.barGrips.svg, this.handles.svg);
     this.panel = make("section", { className: "elvis-panel", ariaLabel: "settings" });
     this.tree = new DataTree(this);
     // a slider that is being dragged must stay in the page
@@ -1967,7 +2065,7 @@ class Viewer {
     const menu = button("≡", "Data, objects and settings", () => this.root.classList.toggle("elvis-open"));
     menu.className = "elvis-menu";
     return make("div", { className: "elvis-tools" }, menu, data, button("fit", "Fit the whole scene in this direction (f)", () => this.fit()), ...this.turning,
-      this.toggles.root, this.modes.line, this.modes.section, histogram, this.proofButton, this.linear.choice, this.undoButton, this.redoButton, this.saving, this.timeBar.root);
+      this.toggles.root, this.modes.line, this.modes.section, histogram, this.proofButton, this.beside.choice, this.beside.second, this.beside.files, this.undoButton, this.redoButton, this.saving, this.timeBar.root);
   }
 
   // ---- messages
@@ -1996,6 +2094,7 @@ class Viewer {
     this.redoButton.disabled = !redo;
     this.proofButton.ariaPressed = String(proof);
     this.toggles.update();
+    this.beside.update();
     if (this.root.dataset.final !== String(revision)) this.waitFor();
     this.follow(start);
     this.controls();
@@ -2099,11 +2198,11 @@ class Viewer {
     this.root.dataset.final = facts.final ? facts.revision : "";
     picture.close();
     this.overlay();
-    if (!facts.final) return this.linear.clear();
+    if (!facts.final) return this.beside.draft();
     for (const resume of this.resting.splice(0)) resume();
     // requests about the previous picture are repeated
     this.point(this.pointer);
-    this.linear.ask();
+    this.beside.ask();
     this.plots.follow();
     if (this.refit && !facts.camera.fov) this.look((camera) => projected(camera, true));
   }
@@ -2120,13 +2219,13 @@ class Viewer {
   }
 
   // tell what takes long until the picture at rest has come, or an error
-  waitFor() {
+  waitFor(what = this.facts ? "drawing" : "reading the data") {
     const begin = performance.now();
     clearInterval(this.watching);
     this.watching = setInterval(() => {
       const seconds = Math.floor((performance.now() - begin) / 1000);
-      const compiles = this.facts && seconds >= MANY_SECONDS ? "; the first picture of each kind compiles kernels, once" : "";
-      this.busy.textContent = `${this.facts ? "drawing" : "reading the data"}… ${seconds} s${compiles}`;
+      const compiles = what === "drawing" && seconds >= MANY_SECONDS ? "; the first picture of each kind compiles kernels, once" : "";
+      this.busy.textContent = `${what}… ${seconds} s${compiles}`;
       this.busy.hidden = seconds < 1;
     }, 250);
   }
@@ -2161,7 +2260,8 @@ class Viewer {
   // pixels of the screen available for the picture
   get room() {
     const ratio = window.devicePixelRatio || 1;
-    return [this.stage.clientWidth, this.stage.clientHeight].map((side) => Math.floor(side * ratio));
+    const share = this.beside.isApart ? 0.5 : 1;
+    return [this.stage.clientWidth * share, this.stage.clientHeight].map((side) => Math.floor(side * ratio));
   }
 
   // pixels of the picture per pixel of the page
@@ -2195,7 +2295,7 @@ class Viewer {
   overlay() {
     this.handles.draw();
     this.barGrips.draw();
-    this.linear.place();
+    this.beside.place();
   }
 
   // adjust the size once the picture has arrived: the widths of texts are known only then
@@ -2298,6 +2398,14 @@ class Viewer {
     stage.addEventListener("pointerleave", () => this.point(null));
     stage.addEventListener("wheel", (e) => this.wheel(e), { passive: false });
     stage.addEventListener("contextmenu", (e) => e.preventDefault());
+    // a second dataset can be dropped on the picture
+    const over = (isOver) => (e) => {
+      if (!this.model.upload) return;
+      e.preventDefault();
+      stage.classList.toggle("elvis-dropping", isOver);
+      if (e.type === "drop") this.beside.read([...e.dataTransfer.files]);
+    };
+    for (const [kind, isOver] of [["dragover", true], ["dragleave", false], ["drop", false]]) stage.addEventListener(kind, over(isOver));
     stage.addEventListener("keydown", (e) => this.key(e));
   }
 
@@ -3041,6 +3149,14 @@ class Socket {
     const answer = await fetch(asked);
     if (!answer.ok) throw new Error(await answer.text());
     return answer.blob();
+  }
+
+  // files of a second dataset
+  async upload(files) {
+    const body = new FormData();
+    for (const file of files) body.append("file", file, file.name);
+    const answer = await fetch(this.address("compare"), { method: "POST", body });
+    if (!answer.ok) throw new Error(await answer.text());
   }
 
   on(handler) {

@@ -1,0 +1,82 @@
+"""A second dataset that a page sends to compare: its files, and the source that reads them next to the first."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from elvis.core.errors import ElvisError
+
+if TYPE_CHECKING:
+    from elvis.viewer.drawing_process import Source
+
+#: name of the second dataset in expressions, as in ``other:p``
+NAME = "other"
+#: bytes of all files of a second dataset, at most
+MAX_BYTES = 4 << 30
+MAX_FILES = 100
+#: bytes read at once
+_CHUNK = 1 << 20
+
+
+class SecondData:
+    """Files of a second dataset in a private folder, which lasts as long as the session."""
+
+    def __init__(self) -> None:
+        self._folder: tempfile.TemporaryDirectory[str] | None = None
+
+    async def receive(self, parts: Any) -> list[Path]:
+        """The files of a multipart request, in place of those before; ElvisError if they are too many or too large."""
+        self.close()
+        self._folder = tempfile.TemporaryDirectory(prefix="elvis-compare-")
+        found: list[Path] = []
+        left = MAX_BYTES
+        async for part in parts:
+            if part.filename is None or len(found) == MAX_FILES:
+                raise ElvisError(f"expected at most {MAX_FILES} files")
+            path = Path(self._folder.name, plain_name(part.filename))
+            with path.open("xb") as file:
+                while content := await part.read_chunk(_CHUNK):
+                    left -= len(content)
+                    if left < 0:
+                        raise ElvisError(f"the files are larger than {MAX_BYTES >> 30} GiB; use --other {NAME}=FILE,…")
+                    file.write(content)
+            found.append(path)
+        if not found:
+            raise ElvisError("expected the files of a dataset, found none")
+        return found
+
+    def close(self) -> None:
+        """Remove the files."""
+        if self._folder is not None:
+            self._folder.cleanup()
+            self._folder = None
+
+
+def plain_name(name: str) -> str:
+    """A name of a file without folders, and without characters that separate names in ``--other``."""
+    plain = re.sub(r"[^\w.+-]", "_", re.split(r"[/\\]", name)[-1])[-100:].lstrip(".")
+    if not plain:
+        raise ElvisError(f"expected a name of a file, found {name!r:.80}")
+    return plain
+
+
+def sources_with(source: Source, files: Sequence[Path]) -> list[Source]:
+    """Sources with a second dataset, to be tried in turn: of these files alone, then with the first dataset's mesh."""
+    from elvis.plugins.data import Reading
+
+    if source.data is not None or source.is_live:
+        raise ElvisError("a second dataset needs data in files; start elvis view with them")
+    suffixes = {path.suffix for path in files}
+    own = [Path(name) for name in source.files if Path(name).suffix not in suffixes]
+    reading = source.reading or Reading()
+    kept = tuple(text for text in reading.others if not text.startswith(f"{NAME}="))
+    found = []
+    for chosen in (files, [*own, *files]) if own else (files,):
+        text = f"{NAME}={','.join(map(str, chosen))}"
+        found.append(replace(source, reading=replace(reading, others=(*kept, text))))
+    return found
