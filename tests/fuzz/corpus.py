@@ -521,6 +521,7 @@ MESSAGES = (
     {"type": "shown"},
     {"type": "change", "changes": {"camera": "+x", "objects[0].style.opacity": 0.5, "title": None}, "moving": True},
     {"type": "size", "size": [900.5, 700]},
+    {"type": "paper", "color": [0.1, 0.1, 0.2]},
     {"type": "hide", "key": "objects[0]"},
     {"type": "forget", "number": 0},
     {"type": "undo"},

@@ -53,6 +53,13 @@ class Size(Message):
     size: Annotated[list[Number], Field(min_length=2, max_length=2)]
 
 
+class Paper(Message):
+    """Background of the picture where the scene has none, as a page with a dark theme wants it; None for white."""
+
+    type: Literal["paper"]
+    color: Annotated[list[Annotated[float, Field(ge=0, le=1)]], Field(min_length=3, max_length=3)] | None
+
+
 class Hide(Message):
     """An object that is not to be shown."""
 
@@ -219,7 +226,7 @@ class Write(Message):
 
 #: messages that ask for something
 Question: TypeAlias = Linear | Other | Pick | Line | Section | History | OfQuantity | Seen | Copy | Write
-AnyMessage: TypeAlias = Shown | Change | Size | Hide | Unhide | Step | Proof | ReadAgain | Question
+AnyMessage: TypeAlias = Shown | Change | Size | Paper | Hide | Unhide | Step | Proof | ReadAgain | Question
 
 _ADAPTER: TypeAdapter[AnyMessage] = TypeAdapter(Annotated[AnyMessage, Field(discriminator="type")])
 

@@ -85,6 +85,7 @@ class Session:
         self.message: bytes | None = None
         self.revision = 0
         self.is_proof = False
+        self._paper: list[float] | None = None
         #: objects that are retained, but not shown
         self.hidden: tuple[Table, ...] = ()
         self._undo: list[Shown] = []
@@ -156,6 +157,8 @@ class Session:
                 await self.change(message.changes, is_moving=message.moving, by=viewer)
             case messages.Size():
                 self._resize(message.size)
+            case messages.Paper():
+                self._take_paper(message.color)
             case messages.Hide():
                 await self.hide(message.key)
             case messages.Unhide():
@@ -193,6 +196,17 @@ class Session:
         if (width, height) != self.size:
             self.size = width, height
             self._wake_up()
+
+    def _take_paper(self, color: list[float] | None) -> None:
+        """Draw on another background where the scene has none; saved pictures and scenes stay as they are."""
+        if color != self._paper:
+            self._paper = color
+            self._wake_up()
+
+    def _shown_table(self) -> Table:
+        """The table of the scene as pages show it."""
+        table = table_of(self.current)
+        return table if self._paper is None else {"background": self._paper, **table}
 
     async def change(self, changes: Table, *, is_moving: bool = False, by: Viewer | None = None) -> None:
         """Change the scene in some places; SceneError where it would not be valid, and nothing is changed."""
@@ -449,7 +463,7 @@ class Session:
         is_moving, revision = self._is_moving, self.revision
         is_draft = is_moving or not self._has_shown
         part = self._sizing.part(perf_counter()) if is_draft else 1.0
-        content = {"table": table_of(self.current), "part": part, "is_draft": is_draft, "proof": self.is_proof}
+        content = {"table": self._shown_table(), "part": part, "is_draft": is_draft, "proof": self.is_proof}
         start = perf_counter()
         try:
             with self._giving_up(is_draft and self._sizing.is_late(part)):

@@ -233,17 +233,17 @@ class Controls {
     if (own.prefixItems) return this.numbers(key, own, value ?? own.default, set, id);
     if (key === "background") return this.color(value ?? own.default, set, id);
     if (own.type === "array") return this.list(key, own, value ?? own.default ?? [], set, id);
-    if (own.type === "number" || own.type === "integer") return this.number(own, value ?? own.default, set, id);
+    if (own.type === "number" || own.type === "integer") return this.number(key, own, value ?? own.default, set, id);
     return this.text(key, value ?? own.default ?? "", set, id);
   }
 
-  number(own, value, set, id) {
+  number(key, own, value, set, id) {
     const [low, high] = [own.minimum ?? own.exclusiveMinimum, own.maximum];
     const field = make("input", { id, type: "number", step: own.type === "integer" ? 1 : "any", value: value ?? "",
       onchange: (e) => e.target.value !== "" && set(Number(e.target.value)) });
     if (low === undefined || high === undefined || own.type === "integer") return field;
     const slider = make("input", { type: "range", min: low, max: high, step: (high - low) / 200, value: value ?? low,
-      "aria-label": "slider", oninput: (e) => { field.value = e.target.value; set(Math.max(Number(e.target.value), low + (own.exclusiveMinimum === low ? 0.005 : 0)), true); },
+      "aria-label": `${words(key)} slider`, oninput: (e) => { field.value = e.target.value; set(Math.max(Number(e.target.value), low + (own.exclusiveMinimum === low ? 0.005 : 0)), true); },
       onchange: (e) => set(Math.max(Number(e.target.value), low + (own.exclusiveMinimum === low ? 0.005 : 0))) });
     return make("div", { className: "elvis-several" }, slider, field);
   }
@@ -458,9 +458,11 @@ class Handles {
     Object.assign(this.svg.style, { width: canvas.style.width, height: canvas.style.height });
     const drawings = { center: () => this.sphere(surface), normal: () => this.plane(surface), apex: () => this.cone(surface), axis: () => this.cylinder(surface) };
     const kind = Object.keys(drawings).find((name) => surface?.[name]);
-    const { cursor } = this.viewer.plots;
+    const { cursor } = this.viewer.plots, active = this.svg.getRootNode().activeElement;
+    const focused = this.svg.contains(active) ? active.dataset.name : null;
     this.svg.replaceChildren(...marks.flatMap(([color, points]) => this.track(color, points)), ...(cursor ? this.spot(cursor) : []),
       ...(kind ? drawings[kind]() : []), ...(peak ? this.mark(peak) : []));
+    if (focused) [...this.svg.children].find((one) => one.dataset.name === focused)?.focus({ preventScroll: true });
   }
 
   // where the values of a plot come from, in the colour of their curve
@@ -494,8 +496,9 @@ class Handles {
 
   grip(name, title, { x, y }, pull) {
     const ratio = this.viewer.density;
-    const grip = shape("circle", { cx: x.toFixed(1), cy: y.toFixed(1), r: 8 * ratio, class: "elvis-grip" });
+    const grip = shape("circle", { cx: x.toFixed(1), cy: y.toFixed(1), r: 8 * ratio, class: "elvis-grip", tabindex: 0, role: "button", "aria-label": `${title.replace("Drag", "Drag or arrow keys")}` });
     grip.dataset.name = name;
+    grip.addEventListener("keydown", (e) => this.key(e, pull));
     grip.append(shape("title", {}, title));
     grip.addEventListener("pointerdown", (e) => this.press(e, pull));
     return grip;
@@ -604,6 +607,15 @@ class Handles {
   missBy(point, x, y) {
     const { start, way } = rayThrough(this.camera, x, y, this.size);
     return length(cross(minus(point, start), way));
+  }
+
+  key(event, pull) {
+    const way = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
+    if (!way) return;
+    event.preventDefault();
+    event.stopPropagation();
+    const [dx, dy] = times(NUDGE * this.viewer.density, way);
+    this.send({ key: this.viewer.selected, surface: { ...this.surface(), ...pull(dx, dy, { isShift: event.shiftKey }) } }, false);
   }
 
   // grips are recreated as they move, so the whole handle captures the pointer
@@ -846,7 +858,7 @@ class BarGrips {
       const grip = shape("circle", { cx: x.toFixed(1), cy: y.toFixed(1), r: 7 * ratio, tabindex: 0, role: "slider", class: "elvis-grip elvis-bar-grip",
         "aria-label": `${end} end of the range of ${bar.title}`, "aria-valuenow": value, "aria-valuetext": short(value) });
       grip.dataset.name = end;
-      grip.append(shape("title", {}, `${short(value)}. Drag or use arrow keys: change the ${end} end of the colour range; double-click: automatic range`));
+      grip.append(shape("title", {}, `${short(value)}. Drag or use arrow keys: change the ${end} end of the colour range; double-click or Delete: automatic range`));
       grip.addEventListener("pointerdown", (e) => this.press(e, bar, end));
       grip.addEventListener("keydown", (e) => this.key(e, bar, end));
       return grip;
@@ -898,6 +910,7 @@ class BarGrips {
   }
 
   key(event, bar, end) {
+    if (event.key === "Delete") return this.send(bar, null, false);
     const step = { ArrowDown: -0.01, ArrowLeft: -0.01, ArrowUp: 0.01, ArrowRight: 0.01 }[event.key];
     if (!step) return;
     const { low, high } = this.put(bar, end, step * (event.shiftKey ? 10 : 1));
@@ -1110,7 +1123,7 @@ const SPEEDS = [1, 2, 5, 10, 25];
 class TimeBar {
   constructor(viewer) {
     Object.assign(this, { viewer, timer: 0, isPlaying: false });
-    const button = (text, title, act) => make("button", { type: "button", title, ariaPressed: "false", onclick: act }, text);
+    const button = (text, title, act) => make("button", { type: "button", title, ariaLabel: text === "▶" ? "play" : text, ariaPressed: "false", onclick: act }, text);
     this.play = button("▶", "Play or stop", () => (this.isPlaying ? this.stop() : this.begin()));
     this.loop = button("loop", "Repeat from the start", () => this.toggle(this.loop));
     this.fixed = button("one range", "Use one certified colour range for all steps, or the range of each step", () => this.fix());
@@ -1228,6 +1241,10 @@ const COLOUR = ["field", "palette", "range", "bar"];
 const LIGHT = ["lights", "ambient", "background", "samples"];
 const FIGURE = ["title", "axes", "scale_bar", "box", "outline", "font_size"];
 const STEP = Math.PI / 24;
+//: background of pictures on dark pages
+const DARK = [0.086, 0.098, 0.114];
+//: pixels by which a key moves the cross, or a grip of a handle
+const NUDGE = 8;
 //: colour of bodies next to other objects
 const GREY = [0.78, 0.78, 0.78];
 //: sizes of a page and its image (column, row, width and height) before either is known
@@ -1807,7 +1824,7 @@ class DataTree {
   constructor(viewer) {
     this.viewer = viewer;
     this.parts = new ShownParts(viewer);
-    this.root = make("nav", { className: "elvis-tree", ariaLabel: "data and objects" });
+    this.root = make("nav", { className: "elvis-tree", ariaLabel: "data and objects", tabIndex: -1 });
   }
 
   update() {
@@ -2003,12 +2020,17 @@ class Viewer {
   }
 
   build(el) {
-    this.canvas = make("canvas", { width: 16, height: 16, "aria-label": "the picture" });
+    this.isDark = window.matchMedia("(prefers-color-scheme: dark)");
+    this.isDark.addEventListener("change", () => this.darken());
+    this.canvas = make("canvas", { width: 16, height: 16, role: "img", "aria-label": "the picture" });
     this.error = make("div", { className: "elvis-error", hidden: true, role: "alert", title: "Click to dismiss", onclick: () => { this.error.hidden = true; } });
+    const known = ([color, text]) => make("li", {}, make("span", { className: `elvis-mark elvis-${color}` }), text);
+    this.proofLegend = make("ul", { className: "elvis-proof", hidden: true, ariaLabel: "legend of proof" }, ...[["grey", "certain: proved"], ["magenta", "ambiguous within the tolerance"], ["red", "failed"]].map(known));
+    this.cross = make("div", { className: "elvis-cross", hidden: true });
     this.prompt = make("div", { className: "elvis-prompt", hidden: true, role: "status" });
     this.tip = make("div", { className: "elvis-tip", hidden: true, "aria-hidden": "true" });
-    this.stage = make("div", { className: "elvis-stage", tabIndex: 0, "aria-label": "picture: arrow keys turn, + and - zoom, shift and arrows pan, f fits" },
-      this.canvas, this.error, this.tip, this.prompt);
+    this.stage = make("div", { className: "elvis-stage", tabIndex: 0, role: "application", "aria-label": "picture: arrow keys turn, + and - zoom, shift and arrows pan, f fits, v moves a cross that reads values" },
+      this.canvas, this.error, this.tip, this.prompt, this.proofLegend, this.cross);
     this.plots = new Plots(this);
     this.handles = new Handles(this);
     this.beside = new Beside(this);
@@ -2022,7 +2044,7 @@ class Viewer {
     for (const kind of ["pointerup", "pointercancel"]) window.addEventListener(kind, () => { this.isSliding = false; });
     this.values = make("output", { "aria-label": "values under the pointer" });
     this.copyAll = make("button", { type: "button", hidden: true, title: "Copy the value, position and element with all digits", onclick: () => this.copyPicked() }, "copy all");
-    this.counts = make("span", {});
+    this.counts = make("span", { role: "status" });
     this.busy = make("span", { className: "elvis-busy", hidden: true, ariaLabel: "activity" });
     this.root = make("div", { className: "elvis" }, this.tools(), make("div", { className: "elvis-side" }, this.tree.root, this.panel), this.stage, this.plots.root, make("div", { className: "elvis-status" }, this.busy, this.counts, this.copyAll, this.values));
     this.dialog = make("dialog", {});
@@ -2037,9 +2059,9 @@ class Viewer {
   }
 
   tools() {
-    const button = (text, title, act) => make("button", { type: "button", title, onclick: act }, text);
-    this.undoButton = button("↶", "Undo (Ctrl+Z)", () => this.model.send({ type: "undo" }));
-    this.redoButton = button("↷", "Redo (Ctrl+Y)", () => this.model.send({ type: "redo" }));
+    const button = (text, title, act, name = text) => make("button", { type: "button", title, ariaLabel: name, onclick: act }, text);
+    this.undoButton = button("↶", "Undo (Ctrl+Z)", () => this.model.send({ type: "undo" }), "undo");
+    this.redoButton = button("↷", "Redo (Ctrl+Y)", () => this.model.send({ type: "redo" }), "redo");
     this.proofButton = button("proof", "Mark the pixels that are not certain", () => this.model.send({ type: "proof", on: this.proofButton.ariaPressed !== "true" }));
     const plotting = (mode, text, title) => button(text, title, () => this.setMode(this.mode === mode ? "turn" : mode));
     this.modes = { line: plotting("line", "line", "Click two points: plot exact values along a line"), section: plotting("section", "wall plot", "Click a wall: plot exact values along a section of it"), time: this.timeBar.values };
@@ -2062,10 +2084,22 @@ class Viewer {
     });
     data.className = "elvis-data";
     data.ariaPressed = "true";
-    const menu = button("≡", "Data, objects and settings", () => this.root.classList.toggle("elvis-open"));
-    menu.className = "elvis-menu";
-    return make("div", { className: "elvis-tools" }, menu, data, button("fit", "Fit the whole scene in this direction (f)", () => this.fit()), ...this.turning,
-      this.toggles.root, this.modes.line, this.modes.section, histogram, this.proofButton, this.beside.choice, this.beside.second, this.beside.files, this.undoButton, this.redoButton, this.saving, this.timeBar.root);
+    this.menu = button("≡", "Data, objects and settings", () => this.open(!this.root.classList.contains("elvis-open")), "data, objects and settings");
+    this.menu.className = "elvis-menu";
+    this.menu.ariaExpanded = "false";
+    const full = button("full screen", "Fill the screen, or return", () => (document.fullscreenElement ? document.exitFullscreen() : this.frame.requestFullscreen()));
+    full.hidden = !document.fullscreenEnabled;
+    const row = make("div", { className: "elvis-tool-row" }, this.menu, data, button("fit", "Fit the whole scene in this direction (f)", () => this.fit()), ...this.turning,
+      this.toggles.root, this.modes.line, this.modes.section, histogram, this.proofButton, this.beside.choice, this.beside.second, this.beside.files, this.undoButton, this.redoButton, this.saving, full);
+    return make("section", { className: "elvis-tools", ariaLabel: "tools" }, row, this.timeBar.root);
+  }
+
+  // the side of a narrow page, over the picture
+  open(isOpen) {
+    this.root.classList.toggle("elvis-open", isOpen);
+    this.menu.ariaExpanded = String(isOpen);
+    if (isOpen) this.tree.root.focus();
+    else this.menu.focus();
   }
 
   // ---- messages
@@ -2093,9 +2127,11 @@ class Viewer {
     this.undoButton.disabled = !undo;
     this.redoButton.disabled = !redo;
     this.proofButton.ariaPressed = String(proof);
+    this.proofLegend.hidden = !proof;
     this.toggles.update();
     this.beside.update();
     if (this.root.dataset.final !== String(revision)) this.waitFor();
+    if (start) this.darken();
     this.follow(start);
     this.controls();
     this.timeBar.update();
@@ -2210,7 +2246,7 @@ class Viewer {
   // a draft has no title, and the title of the previous picture may show another time
   retitle(text) {
     const context = this.canvas.getContext("2d"), [left, top, width] = this.picture.image;
-    const [red, green, blue] = this.table.background ?? [1, 1, 1];
+    const [red, green, blue] = this.background;
     context.fillStyle = this.paper;
     context.fillRect(0, 0, left + width, top);
     context.fillStyle = 0.2126 * red + 0.7152 * green + 0.0722 * blue < 0.4 ? "rgb(235, 235, 235)" : "rgb(30, 30, 30)";
@@ -2251,10 +2287,21 @@ class Viewer {
     this.fill();
   }
 
-  // background colour of the picture
+  // the background of the picture: the scene's, else that of the page
+  get background() {
+    return this.table.background ?? (this.isDark.matches ? DARK : [1, 1, 1]);
+  }
+
   get paper() {
-    const [red, green, blue] = (this.table.background ?? [1, 1, 1]).map((part) => Math.round(255 * part));
+    const [red, green, blue] = this.background.map((part) => Math.round(255 * part));
     return `rgb(${red}, ${green}, ${blue})`;
+  }
+
+  // pictures of scenes without a background follow the theme of the page; nothing is sent while both are white
+  darken() {
+    const color = this.isDark.matches ? DARK : null;
+    if (color || this.hasDarkened) this.model.send({ type: "paper", color });
+    this.hasDarkened = true;
   }
 
   // pixels of the screen available for the picture
@@ -2407,6 +2454,7 @@ class Viewer {
     };
     for (const [kind, isOver] of [["dragover", true], ["dragleave", false], ["drop", false]]) stage.addEventListener(kind, over(isOver));
     stage.addEventListener("keydown", (e) => this.key(e));
+    this.root.addEventListener("keydown", (e) => e.key === "Escape" && this.root.classList.contains("elvis-open") && this.open(false));
   }
 
   press(event) {
@@ -2498,6 +2546,7 @@ class Viewer {
 
   key(event) {
     if (event.target !== this.stage) return;
+    if (this.crossKey(event)) return event.preventDefault();
     const way = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
     const isPan = event.shiftKey || this.facts?.kind === "plane";
     if (way) this.look((camera) => isPan ? pan(camera, way[0] * 40, way[1] * 40, this.pixels())
@@ -2509,6 +2558,36 @@ class Viewer {
     else if (event.key === "y" && (event.ctrlKey || event.metaKey)) this.model.send({ type: "redo" });
     else return;
     event.preventDefault();
+  }
+
+  // a cross takes the place of the pointer: it is moved, reads values and clicks
+  crossKey({ key, shiftKey }) {
+    const way = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[key];
+    const isShown = !this.cross.hidden;
+    if (key === "Escape" || (key === "v" && isShown)) {
+      this.setMode("turn");
+      this.cross.hidden = true;
+      this.point(null);
+    } else if (key === "v") this.moveCross([0, 0]);
+    else if (way && (isShown || this.mode !== "turn")) this.moveCross(times(shiftKey ? 4 * NUDGE : NUDGE, way));
+    else if (key === "Enter" && isShown) this.click(this.crossPlace());
+    else if (key === "c" && isShown) this.recentre(this.crossPlace());
+    else return false;
+    return true;
+  }
+
+  moveCross([dx, dy]) {
+    const { clientWidth: width, clientHeight: height } = this.stage;
+    const [x, y] = this.cross.hidden ? [width / 2, height / 2] : this.crossAt;
+    this.crossAt = [Math.min(width, Math.max(0, x + dx)), Math.min(height, Math.max(0, y + dy))];
+    this.cross.hidden = false;
+    Object.assign(this.cross.style, { left: `${this.crossAt[0]}px`, top: `${this.crossAt[1]}px` });
+    this.point(this.crossPlace());
+  }
+
+  crossPlace() {
+    const box = this.stage.getBoundingClientRect();
+    return { clientX: box.left + this.crossAt[0], clientY: box.top + this.crossAt[1] };
   }
 
   // ---- values
@@ -2592,13 +2671,14 @@ class Viewer {
     this.line = [];
     for (const [name, button] of Object.entries(this.modes)) button.ariaPressed = String(mode === name);
     this.guide();
+    if (mode !== "turn") this.stage.focus({ preventScroll: true });
   }
 
   guide() {
     const texts = { line: ["Click the start of the line", "Click the end of the line"], section: ["Click a wall"], time: ["Click a point"] };
     const text = texts[this.mode]?.[this.line.length];
     this.prompt.hidden = !text;
-    this.prompt.textContent = text ? `${text} (Esc cancels)` : "";
+    this.prompt.textContent = text ? `${text} (or arrow keys and Enter; Esc cancels)` : "";
   }
 
   async click(event) {
