@@ -13,6 +13,7 @@ import elvis
 from elvis import Status
 from elvis.core.errors import ElvisError
 from elvis.plugins.command import elvis as command
+from elvis.plugins.testing.steps import polynomial, steps_of
 from elvis.scene.files import write_scene
 from elvis.scene.web_page import _narrow
 
@@ -155,6 +156,29 @@ def test_a_slider_turns_the_scene(wave, show, tmp_path):
     assert np.allclose(forward * np.sqrt(3), [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1]])
     steps = np.linalg.norm(page.evaluate("views.map((view) => view.rays.column)"), axis=1)
     assert np.ptp(steps) <= 1e-12
+
+
+def test_a_slider_passes_through_the_steps(show, tmp_path):
+    """Each step shows the values of its own time; all have one colour range, and the same camera."""
+    times = [0.0, 0.5, 1.2]
+    files = steps_of(tmp_path, times, lambda p, t: polynomial(p, t, 1))
+    path = tmp_path / "a.html"
+    options = ("--field", "u", "--size", "60x50", "--times", "all", "-o", str(path))
+    command.main(["render", *map(str, files), *options], prog_name="elvis", standalone_mode=False)
+    page = show(path)
+    assert page.locator("#turning").is_hidden()
+    slider = page.get_by_label("time")
+    slider.focus()
+    for number, time in enumerate(times):
+        page.wait_for_selector(f"#picture[data-shown='{number}']")
+        assert page.inner_text("#time") == f"{time:g}"
+        page.mouse.move(*place_of(page, 30, 25))
+        value, *place = READ_OUT.fullmatch(page.inner_text("#told")).groups()[1:5]
+        assert float(value) == pytest.approx(polynomial(np.array([place[:2]], float), time, 1)[0], abs=1e-4)
+        slider.press("ArrowRight")
+    assert len({str(view) for view in page.evaluate("views.map((view) => view.rays)")}) == 1
+    with pytest.raises(ElvisError, match="expected several steps"):
+        command.main(["render", *map(str, files[:2]), *options], prog_name="elvis", standalone_mode=False)
 
 
 @pytest.mark.parametrize(

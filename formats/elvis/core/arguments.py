@@ -268,12 +268,12 @@ def _times(text: str) -> tuple[float, float, int] | str:
     return text if text == "all" else evenly(text)
 
 
-times_option = click.option(
-    "--times",
-    metavar="all|A:B:N",
-    type=TextType(_times),
-    help="For a series: rows for every step, or for N times from A to B.",
-)
+def times_option_for(purpose: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """The option ``--times`` with its help."""
+    return click.option("--times", metavar="all|A:B:N", type=TextType(_times), help=purpose)
+
+
+times_option = times_option_for("For a series: rows for every step, or for N times from A to B.")
 
 
 def triples(text: str, count: int) -> tuple[Triple, ...]:

@@ -80,17 +80,21 @@ def save_pixels(frame: Frame, stream: BinaryIO, *, plain: bool) -> Layout:
     return save_png(frame, stream, plain=plain)
 
 
-def save_directions(
-    frames: Sequence[Frame], path: Path, *, plain: bool = False, outputs: Outputs | None = None
+def save_views(
+    frames: Sequence[Frame],
+    directions: Sequence[str],
+    path: Path,
+    *,
+    plain: bool = False,
+    outputs: Outputs | None = None,
 ) -> None:
-    """Write one HTML file of a scene from directions at equal angles."""
-    names = [f"{360.0 * number / len(frames):.4g}°" for number in range(len(frames))]
+    """Write one HTML file of a scene, by times and then by directions, which have names."""
     with replacing(path, outputs) as temporary:
-        save_web_page(frames, temporary, names, plain=plain)
+        save_web_page(frames, temporary, directions, plain=plain)
 
 
 def save_web_page(frames: Sequence[Frame], path: Path, names: Sequence[str] = (), *, plain: bool = False) -> None:
-    """Write one HTML file of a scene from one or several directions, which have names."""
+    """Write one HTML file of a scene, at one or several times from one or several directions, which have names."""
     from elvis.scene.web_page import web_page
 
     pictures = []

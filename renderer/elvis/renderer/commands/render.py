@@ -13,6 +13,7 @@ import click
 
 from elvis.core.arguments import cache_option, overwrite_option
 from elvis.plugins.running import shared
+from elvis.renderer.commands.page_views import PageViews, page_options
 from elvis.scene.commandline.command import OUTPUT, SceneCommand, setting_option
 
 if TYPE_CHECKING:
@@ -61,6 +62,7 @@ Examples:
   elvis render wing.xml wing.fld --faces all --save-scene wing.toml -o wing.png
   elvis render wing.xml wing.fld --plane 0,0,0.2:0,0,1 --contours 10:labels --axes --bar unit=Pa,bands=8 -o wing.pdf
   elvis render wing.xml wing.fld --faces wall --camera iso --directions 12 -o wing.html
+  elvis render wave.xml wave_*.chk --times all -o wave.html
   elvis render a.toml b.toml c.toml d.toml --panels 2x2 -o four.svg
   elvis render wing.toml --samples 3 --set objects[0].style.opacity=0.5 -o smooth.png
 """
@@ -71,12 +73,7 @@ Examples:
 )
 @click.argument("data", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="[SCENE] DATA...")
 @setting_option
-@click.option(
-    "--directions",
-    type=click.IntRange(2, 360),
-    metavar="N",
-    help="Views around the up axis, for .html.",
-)
+@page_options
 @click.option("--save-scene", type=OUTPUT, help="Write the scene that was drawn as .toml, .yaml or .json.")
 @overwrite_option
 @cache_option
@@ -85,7 +82,7 @@ def render(
     ranks: Ranks,
     data: tuple[Path, ...],
     settings: tuple[tuple[str, str], ...],
-    directions: int | None,
+    views: PageViews,
     save_scene: Path | None,
     overwrite: bool,
     no_cache: bool,
@@ -104,21 +101,21 @@ def render(
 
     scene = composed(data, options, settings)
     is_named = bool(scene.outputs)
-    suffix = ".html" if directions else ".png"
+    suffix = ".html" if views.are_several else ".png"
     scene = scene if is_named else replace(scene, outputs=(_free_name(data, overwrite, suffix),))
     _check_places(scene, data, save_scene, overwrite)
-    if directions:
-        _check_directions(scene, ranks)
+    views.check(scene, ranks.size)
     if not overwrite:
         check_own(outputs_of_file(scene, data, options, settings))
     scenes = tuple(with_range(each, not no_cache, ranks=ranks) for each in panels(scene))
+    if views.are_several:
+        scenes = views.in_time(scenes[0], not no_cache)
     opened = _opened(scenes, not no_cache, ranks)
-    if directions:
-        scenes = _turned(scenes[0], opened[_key(scenes[0])], directions)
+    scenes = views.seen(scenes, opened[_key(scenes[0])])
     frames, notes = _frames(scenes, opened, ranks)
     if ranks.rank:
         return
-    _write(frames, scene, save_scene)
+    _write(frames, scene, views, save_scene)
     for frame in frames:
         _report_counts(frame)
     for remark in dict.fromkeys(remark for frame in frames for remark in frame.remarks):
@@ -159,40 +156,6 @@ def _check_places(scene: Scene, data: tuple[Path, ...], save_scene: Path | None,
         scene_text(scene, save_scene)
     written = [place for place in (*scene.outputs, scene.stats, save_scene) if place]
     check_places(written, [*inputs(data, scene.plugin), *input_files(scene)], overwrite)
-
-
-def _check_directions(scene: Scene, ranks: Ranks) -> None:
-    """ElvisError if a scene can't be drawn from several directions."""
-    from elvis.core.errors import ElvisError
-    from elvis.scene.permissions import HTML
-
-    if ranks.size > 1:
-        raise ElvisError(f"--directions: expected one process, found {ranks.size}")
-    if scene.scenes:
-        raise ElvisError("--directions: expected one scene, found --panels")
-    for output in scene.outputs:
-        if Path(output).suffix.lower() != HTML:
-            raise ElvisError(f"--directions: expected outputs that end in {HTML}, found {output}")
-
-
-def _turned(scene: Scene, opened: Opened, count: int) -> tuple[Scene, ...]:
-    """A scene from directions around the up axis of its camera; fitted cameras have one scale, at which all is seen."""
-    from elvis.renderer.animation import orbited
-    from elvis.renderer.rendering import Pictures
-    from elvis.scene.fitting import LARGEST, is_given
-    from elvis.scene.view import named_camera
-
-    sized = replace(scene, size=scene.size or LARGEST)
-    # cameras that face a plane would see it edge-on: fit is iso here
-    start = named_camera(scene.camera, None) if isinstance(scene.camera, str) else scene.camera
-    cameras = [orbited(start, 360.0 * number / count) for number in range(count)]
-    if not is_given(scene.camera):
-        free = [replace(camera, height=None) for camera in cameras]
-        with Pictures(opened, scene.device) as pictures:
-            fitted = [pictures.camera(replace(sized, camera=camera)) for camera in free]
-        height = max(camera.height or 0.0 for camera in fitted)
-        cameras = [replace(camera, height=height) for camera in fitted]
-    return tuple(replace(sized, camera=camera) for camera in cameras)
 
 
 def _opened(scenes: tuple[Scene, ...], is_kept: bool, ranks: Ranks) -> dict[object, Opened]:
@@ -277,7 +240,7 @@ def _drawn(data: list[Opened], scenes: tuple[Scene, ...], ranks: Ranks) -> list[
     return frames
 
 
-def _write(frames: list[Frame], scene: Scene, save_scene: Path | None) -> None:
+def _write(frames: list[Frame], scene: Scene, views: PageViews, save_scene: Path | None) -> None:
     """All files at once: pictures, numbers as JSON, and the scene with the camera and size that were found."""
     import json
 
@@ -285,7 +248,7 @@ def _write(frames: list[Frame], scene: Scene, save_scene: Path | None) -> None:
     from elvis.core.terminal import warn
     from elvis.scene.files import write_scene
     from elvis.scene.ownership import SOFTWARE
-    from elvis.scene.saving import save_directions, save_panels
+    from elvis.scene.saving import save_panels, save_views
 
     frame = frames[0]
     left_out: tuple[str, ...] = ()
@@ -293,12 +256,12 @@ def _write(frames: list[Frame], scene: Scene, save_scene: Path | None) -> None:
         for output in scene.outputs:
             if scene.scenes:
                 save_panels(frames, Path(output), plain=scene.plain, outputs=outputs)
-            elif len(frames) > 1:
-                save_directions(frames, Path(output), plain=scene.plain, outputs=outputs)
+            elif views.are_several:
+                save_views(frames, views.angles, Path(output), plain=scene.plain, outputs=outputs)
             else:
                 frame.save(output, plain=scene.plain, outputs=outputs)
         if scene.stats:
-            key = "panels" if scene.scenes else "directions"
+            key = "panels" if scene.scenes else "directions" if views.times is None else "views"
             is_several = scene.scenes or len(frames) > 1
             told = {key: [one.stats for one in frames]} if is_several else frame.stats
             write_text(scene.stats, json.dumps({"software": SOFTWARE, **told}, indent=2) + "\n", outputs)

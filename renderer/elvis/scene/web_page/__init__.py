@@ -44,9 +44,9 @@ WIDE = np.dtype("<f8")
 def web_page(frames: Sequence[Frame], pictures: Sequence[tuple[bytes, Layout]], names: Sequence[str] = ()) -> str:
     """The text of an HTML file.
 
-    frames    views of one scene from one or several directions
+    frames    views of one scene, by times and then by directions
     pictures  file and layout of each one's picture
-    names     of the directions
+    names     of the directions; none for a single one
 
     Raises SceneError for too many pixels.
     """
@@ -56,7 +56,12 @@ def web_page(frames: Sequence[Frame], pictures: Sequence[tuple[bytes, Layout]], 
     first = frames[0]
     title = escape(visible(_title(first)))
     shown = [_view(frame, layout) for frame, (_, layout) in zip(frames, pictures, strict=True)]
-    facts = {"quantity": visible(_quantity(first)), "directions": list(names), "views": shown}
+    facts = {
+        "quantity": visible(_quantity(first)),
+        "directions": list(names),
+        "times": _times(frames, len(names)),
+        "views": shown,
+    }
     parts = {
         "TITLE": title,
         "VERSION": escape(__version__),
@@ -88,6 +93,12 @@ def _hash(text: str) -> str:
 def _title(frame: Frame) -> str:
     """The title of the picture, else the names of its files."""
     return frame.title or ", ".join(map(os.path.basename, frame.scene.data)) or "ElVis"
+
+
+def _times(frames: Sequence[Frame], directions: int) -> list[str]:
+    """The times of the views; none if all have the same."""
+    instants = [frame.instant for frame in frames[:: max(1, directions)]]
+    return [f"{instant.time:.6g}" for instant in instants if instant is not None] if len(instants) > 1 else []
 
 
 def _quantity(frame: Frame) -> str:

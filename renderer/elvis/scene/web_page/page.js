@@ -7,11 +7,13 @@ const TYPES = { uint8: Uint8Array, int32: Int32Array, float32: Float32Array, flo
 const STEPS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
 const find = (id) => document.getElementById(id);
-const { quantity, directions, views } = JSON.parse(find("record").textContent);
+const { quantity, directions, times, views } = JSON.parse(find("record").textContent);
 const figure = find("picture");
 const told = find("told");
 const images = [...figure.querySelectorAll("img")];
 const unpacked = [];
+// views stand by times, then by directions
+const perTime = Math.max(1, directions.length);
 let current = 0;
 let pinned = null; // column and row of the pixel that was clicked
 let hovered = null;
@@ -114,7 +116,8 @@ function prove() {
 async function turnTo(number) {
   current = number;
   images.forEach((image, k) => { image.hidden = k !== number; });
-  find("angle").textContent = directions[number] ?? "";
+  find("angle").textContent = directions[number % perTime] ?? "";
+  find("time").textContent = times[Math.floor(number / perTime)] ?? "";
   unpacked[number] ??= await unpackView(number);
   if (current !== number) return;
   prove();
@@ -149,7 +152,10 @@ figure.addEventListener("keydown", (event) => {
   show();
 });
 find("proof").addEventListener("change", prove);
-find("direction").addEventListener("input", (event) => turnTo(Number(event.target.value)));
-find("turning").hidden = views.length < 2;
-find("direction").max = views.length - 1;
+const chosen = () => turnTo(Number(find("step").value) * perTime + Number(find("direction").value));
+for (const [name, label, count] of [["direction", "turning", perTime], ["step", "passing", views.length / perTime]]) {
+  find(name).addEventListener("input", chosen);
+  find(name).max = count - 1;
+  find(label).hidden = count < 2;
+}
 turnTo(0).catch((error) => { told.textContent = `This browser cannot unpack the values: ${error.message}`; });
