@@ -117,6 +117,7 @@ def test_transfer_functions_are_drawn_over_the_histogram(page, viewer):
         settled(page, viewer)
         return viewer.session.table["objects"][0]["transfer"]
 
+    page.locator(".elvis-transfer").scroll_into_view_if_needed()
     box = page.locator(".elvis-transfer").bounding_box()
     ends = page.evaluate("[...window.elvis.histograms.values()][0]")
     span = max(ends["high"], 1.0) - min(ends["low"], 0.0)

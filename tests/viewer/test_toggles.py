@@ -75,3 +75,25 @@ def test_long_drawing_is_announced(page, viewer):
         os.kill(viewer.session._drawer.pid, signal.SIGCONT)
     settled(page, viewer)
     assert page.get_by_label("activity").is_hidden()
+
+
+def test_seeds_of_streamlines_are_edited(page, viewer):
+    """New lines go both ways; the kind of seeds and their fields make the text that the scene stores."""
+    change(page, {"objects[0]": {"kind": "streamlines", "seeds": ["7"], "velocity": ["u", "x", "1"], "steps": 20}})
+    settled(page, viewer)
+    panel = page.get_by_role("region", name="settings")
+    assert panel.get_by_label("count", exact=True).input_value() == "7"
+    panel.get_by_label("kind of seeds").select_option("line")
+    settled(page, viewer)
+    panel.get_by_label("count", exact=True).fill("3")
+    panel.get_by_label("count", exact=True).press("Enter")
+    panel.get_by_label("from 2").fill("0.25")
+    panel.get_by_label("from 2").press("Enter")
+    panel.get_by_label("direction").select_option("both")
+    settled(page, viewer)
+    found = scene_of(viewer.session.table).objects[0]
+    kind, start, _, count = found.seeds[0].split(":")
+    assert (kind, start.split(",")[1], count, found.direction) == ("line", "0.25", "3", "both")
+    names = panel.locator("summary").all_inner_texts()
+    assert [name for name in names if name in ("seeds", "look", "advanced")] == ["seeds", "look", "advanced"]
+    assert panel.get_by_label("steps", exact=True).is_hidden()

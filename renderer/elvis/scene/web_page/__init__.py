@@ -54,12 +54,14 @@ def web_page(frames: Sequence[Frame], pictures: Sequence[tuple[bytes, Layout]], 
     if pixels > MAX_PIXELS:
         raise SceneError(f"HTML: expected at most {MAX_PIXELS} pixels in all pictures, found {pixels}")
     first = frames[0]
-    title = escape(visible(_title(first)))
+    times = _times(frames, len(names))
+    # titles of pictures of a series name their time
+    title = escape(visible(_quantity(first) if times else _title(first)))
     shown = [_view(frame, layout) for frame, (_, layout) in zip(frames, pictures, strict=True)]
     facts = {
         "quantity": visible(_quantity(first)),
         "directions": list(names),
-        "times": _times(frames, len(names)),
+        "times": times,
         "views": shown,
     }
     parts = {

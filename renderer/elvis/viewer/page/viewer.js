@@ -141,6 +141,11 @@ function ticked(names, name, isTicked) {
 // ---------------------------------------------------------------- controls, generated from the schema of scenes
 
 const QUANTITIES = new Set(["field", "quantity", "expression"]);
+//: settings of streamlines in the parts of their panel; all others are advanced
+const LINES = { seeds: ["direction", "wall", "velocity"], look: ["radius", "width", "ribbon", "across", "arrows", "arrows_by", "arrow_length", "style"] };
+//: kinds of seeds, and the fields of their texts
+const SEEDS = { random: [["count", "count"]], line: [["from", "point"], ["to", "point"], ["count", "count"]], plane: [["point", "point"], ["normal", "point"], ["count", "count"]],
+  boundary: [["name", "boundary"], ["count", "count"]], point: [["point", "point"]], elements: [] };
 //: settings that exclude each other in an object
 const EITHER = [["radius", "width", "ribbon"], ["values", "count"]];
 //: parts of a style that are drawn only on surfaces
@@ -359,12 +364,60 @@ class Controls {
   }
 
   rows(own, value, set) {
-    return Object.entries(own.properties).filter(([name]) => name !== "kind" && !this.hidden?.has(name)).map(([name, one]) =>
+    if (value.kind === "streamlines") return this.streamlines(own, value, set);
+    const names = Object.keys(own.properties).filter((name) => name !== "kind" && !this.hidden?.has(name));
+    return this.rowsOf(names, own, value, set);
+  }
+
+  rowsOf(names, own, value, set) {
+    return names.map((name) => [name, own.properties[name]]).map(([name, one]) =>
       this.row(name, one, value[name], (next, moving) => {
         const { [name]: _, ...rest } = value;
         if (next !== undefined) for (const other of EITHER.find((names) => names.includes(name)) ?? []) delete rest[other];
         set(next === undefined ? rest : { ...rest, [name]: next }, moving);
       }));
+  }
+
+  // settings of streamlines: where they start, how they look, and all others
+  streamlines(own, value, set) {
+    const others = Object.keys(own.properties).filter((name) => !["kind", "seeds", ...LINES.seeds, ...LINES.look].includes(name));
+    const rows = (names) => this.rowsOf(names, own, value, set);
+    const seeds = value.seeds ?? [];
+    const put = (next) => set({ ...value, seeds: next });
+    const add = make("button", { type: "button", onclick: () => put([...seeds, this.seedText("random")]) }, "add seeds");
+    const lists = seeds.map((text, i) => this.seeds(text, (next) => put(seeds.map((old, k) => (k === i ? next : old))), seeds.length > 1 ? () => put(seeds.filter((_, k) => k !== i)) : null));
+    return [this.fold("seeds", "", [...lists, add, ...rows(LINES.seeds)], true), this.fold("look", "", rows(LINES.look), true), this.fold("advanced", "", rows(others), false)];
+  }
+
+  // one text of seeds as its kind and fields; other texts stay texts
+  seeds(text, put, remove) {
+    const [kind, ...parts] = /^\d+$/.test(text) ? ["random", text] : text.split(":");
+    const fields = SEEDS[kind], isKnown = fields && fields.length === parts.length;
+    const kinds = isKnown ? Object.keys(SEEDS) : [text, ...Object.keys(SEEDS)];
+    const choice = this.choice(kinds, isKnown ? kind : text, (one) => put(this.seedText(one)), `elvis-${++counter}`);
+    choice.ariaLabel = "kind of seeds";
+    const gone = remove && make("button", { type: "button", title: "Remove these seeds", ariaLabel: "remove these seeds", onclick: remove }, "×");
+    const rows = (isKnown ? fields : []).map(([name, type], i) => this.seedField(name, type, parts[i], (next) => put([kind, ...parts.map((old, k) => (k === i ? next : old))].join(":"))));
+    return make("div", { className: "elvis-seeds" }, make("div", { className: "elvis-several" }, choice, ...(gone ? [gone] : [])), ...rows);
+  }
+
+  seedField(name, type, text, put) {
+    const id = `elvis-${++counter}`;
+    const controls = {
+      point: () => this.numbers(name, {}, text.split(",").map(Number), (point) => put(point.join(",")), id),
+      count: () => make("input", { id, type: "number", min: 1, step: 1, value: text, onchange: (e) => e.target.value && put(String(Math.max(1, Math.round(Number(e.target.value))))) }),
+      boundary: () => this.choice(this.facts?.boundaries ?? [], text, put, id),
+    };
+    return make("div", { className: type === "point" ? "elvis-row elvis-wide" : "elvis-row" }, make("label", { htmlFor: id }, name), controls[type]());
+  }
+
+  // seeds of a kind where the camera looks
+  seedText(kind) {
+    const middle = this.middle(), axis = this.axis(), aside = times(this.extent() / 4, [axis[1], axis[2], axis[0]]);
+    const point = (place) => place.map((one) => Number(one.toPrecision(6))).join(",");
+    const texts = { random: "random:30", line: `line:${point(minus(middle, aside))}:${point(plus(middle, aside))}:20`, plane: `plane:${point(middle)}:${point(axis)}:10`,
+      boundary: `boundary:${this.facts?.bodies?.[0] ?? this.facts?.boundaries?.[0] ?? "all"}:2`, point: `point:${point(middle)}`, elements: "elements" };
+    return texts[kind] ?? kind;
   }
 
   fold(key, summary, children, open) {
@@ -2984,7 +3037,7 @@ class Viewer {
     await this.survey();
     if (kind in SURFACES) return this.createSurface(kind, controls);
     if (kind === "faces") return this.add({ kind: "faces", select: ["all"] }, {});
-    if (kind === "streamlines") return this.add({ kind: "streamlines", seeds: ["random:30"] });
+    if (kind === "streamlines") return this.add({ kind: "streamlines", seeds: ["random:30"], direction: "both" });
     if (kind === "glyphs") return this.add({ kind: "glyphs", points: ["random:200"] });
     const [low, high] = await this.spread();
     const middle = (low + high) / 2;
