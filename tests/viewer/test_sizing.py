@@ -27,7 +27,7 @@ def turned(sizing, host, pixels, count=100, now=0.0):
 
 @pytest.mark.parametrize(
     ("host", "pixels", "part"),
-    [(0.002, 0.01, 1.0), (0.005, 0.1, 0.5), (0.01, 0.3, 0.25), (0.012, 1.0, 0.125), (0.02, 30.0, 0.0625)],
+    [(0.002, 0.01, 1.0), (0.01, 0.15, 0.5), (0.004, 0.44, 1 / 3), (0.012, 2.0, 0.125), (0.02, 30.0, 0.0625)],
 )
 def test_draft_sizes_follow_the_time_budget(host, pixels, part):
     """Whatever the whole picture took, which is another work."""
@@ -39,6 +39,8 @@ def test_draft_sizes_follow_the_time_budget(host, pixels, part):
         settled = parts[50:]
         assert settled.count(part) > 0.9 * len(settled)
         assert sum(times[50:]) < 50 * max(GOAL, host + pixels * PARTS[-1] ** 2) * 1.2
+        # sizes don't flip
+        assert len(set(settled)) == 1
         # once drafts are quick, they are large
         assert turned(sizing, 0.002, 0.01, now=1000.0)[0][-1] == 1.0
 
