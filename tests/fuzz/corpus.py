@@ -535,6 +535,7 @@ MESSAGES = (
     {"type": "other", "id": 10, "content": {"name": "other", "draft": True}},
     {"type": "histogram", "id": 5, "content": "u"},
     {"type": "seen", "id": 6, "content": None},
+    {"type": "depths", "id": 11, "content": None},
     {"type": "copy", "id": 7, "content": "Python"},
     {"type": "write", "id": 8, "content": {"name": "a.png", "confirmed": False}},
 )

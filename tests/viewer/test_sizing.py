@@ -2,6 +2,7 @@
 
 import asyncio
 import time
+from itertools import pairwise
 
 import pytest
 from driving import finished
@@ -39,8 +40,8 @@ def test_draft_sizes_follow_the_time_budget(host, pixels, part):
         settled = parts[50:]
         assert settled.count(part) > 0.9 * len(settled)
         assert sum(times[50:]) < 50 * max(GOAL, host + pixels * PARTS[-1] ** 2) * 1.2
-        # sizes don't flip
-        assert len(set(settled)) == 1
+        # sizes don't flip: a larger one is tried now and then
+        assert sum(one != other for one, other in pairwise(settled)) <= 2
         # once drafts are quick, they are large
         assert turned(sizing, 0.002, 0.01, now=1000.0)[0][-1] == 1.0
 

@@ -139,6 +139,7 @@ class _Drawing:
             "draw": self._draw,
             "pick": self._pick,
             "seen": self._seen,
+            "depths": self._depths,
             "line": self._line,
             "section": self._section,
             "check": self._check,
@@ -317,6 +318,12 @@ class _Drawing:
         points = frame.position[frame.seen]
         ends = [points.min(axis=0), points.max(axis=0)]
         return [[float(value) for value in end] for end in ends]
+
+    def _depths(self, _: int, __: Any) -> Table | None:
+        """Depths of the last whole picture, and its number."""
+        from elvis.viewer.depths import depths_of
+
+        return None if self._frame is None else {"number": self._frame_number, **depths_of(self._frame)}
 
     def _known_of(self, position: list[float]) -> Table:
         """Order and Jacobian determinant of the element at a point, if the data provide them."""

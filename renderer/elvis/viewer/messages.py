@@ -194,9 +194,9 @@ class OfQuantity(Message):
 
 
 class Seen(Message):
-    """Request for the box of the visible points."""
+    """Request for the box of the visible points, or for their depths."""
 
-    type: Literal["seen"]
+    type: Literal["seen", "depths"]
     id: Id
     content: None = None
 

@@ -15,14 +15,13 @@ FIRST = 0.25
 GOAL = 1 / 13
 #: seconds after which a picture is given up where it could be smaller
 LATE = 0.25
-#: a size stays while its pictures take less than this multiple of the goal,
-TOO_LONG = 1.4
-#: and while those of the next larger size are expected to take more than this one: sizes don't flip in a drag
-WELL_WITHIN = 0.7
+#: multiples of the goal above which the next pictures are smaller, and below which a larger size is tried
+TOO_LONG, WELL_WITHIN = 1.4, 0.6
+#: seconds after which a size that took too long is tried again, and by which they grow each time that it fails again:
+#: the first draft may have to load kernels, but sizes don't flip within a drag
+FIRST_WAIT, GROWTH = 1.0, 4.0
 #: a whole picture that takes another multiple of the time than the last one shows another work
 SAME_WORK = (0.5, 2.0)
-#: seconds after which it is forgotten what a picture took, unless it was the last one
-AGE = 3.0
 #: error of a pixel's colour, by volumes
 ERROR = 0.03
 
@@ -31,60 +30,55 @@ class Sizing:
     """Durations of the last pictures; times are from one clock, in seconds."""
 
     def __init__(self) -> None:
-        #: by the part of the full size: what a draft took, and when it was there
-        self._drafts: dict[float, tuple[float, float]] = {}
+        #: the last draft: its part of the full size, and the shorter of the last two durations of this part
+        self._last: tuple[float, float] | None = None
+        #: what the last draft took by itself
+        self._before = 0.0
+        #: sizes that took too long: when they are tried again, and the seconds until then
+        self._slow: dict[float, tuple[float, float]] = {}
         self._whole: float | None = None
-        self._last: float | None = None
 
     def note(self, part: float, seconds: float, now: float) -> None:
         """A draft took so long, or was given up after it."""
-        fresh = {other: known for other, known in self._drafts.items() if now - known[1] < AGE}
-        self._drafts = {**fresh, part: (seconds, now)}
-        self._last = part
+        is_same = self._last is not None and self._last[0] == part
+        # a single slow picture does not change the size
+        known = min(seconds, self._before) if is_same and seconds < LATE else seconds
+        if known > TOO_LONG * GOAL:
+            _, wait = self._slow.get(part, (0.0, FIRST_WAIT / GROWTH))
+            self._slow[part] = now + GROWTH * wait, GROWTH * wait
+        self._last, self._before = (part, known), seconds
 
     def note_whole(self, seconds: float) -> None:
         """A whole picture took so long; drafts cost less, so that this counts until there is one."""
         before, self._whole = self._whole, seconds
         low, high = SAME_WORK
         if before is None or not low < seconds / before < high:
-            self._drafts, self._last = {}, None
+            self._last = None
+            self._slow.clear()
 
     def part(self, now: float) -> float:
-        """The largest size that can probably be drawn in time, else the smallest; at most twice the last."""
-        last = max((when for _, when in self._drafts.values()), default=now)
-        known = {part: own for part, (own, when) in self._drafts.items() if now - when < AGE or when == last}
-        if not known and self._whole is None:
-            return FIRST
-        most = 2 * max(known, default=1.0)
-        known = known or {1.0: self._whole or 0.0}
-        fitting = [part for part in PARTS if part <= most and _expected(part, known) <= self._limit(part)]
-        return max(fitting, default=PARTS[-1])
-
-    def _limit(self, part: float) -> float:
-        """Seconds that a picture of a part may take; the part of the last one has an advantage over larger ones."""
-        if self._last is None or part < self._last:
-            return GOAL
-        return GOAL * (TOO_LONG if part == self._last else WELL_WITHIN)
+        """The size of the next draft: that of the last one, unless it took too long or is much quicker than needed."""
+        if self._last is None:
+            return FIRST if self._whole is None else _fitting(1.0, self._whole)
+        part, seconds = self._last
+        if seconds > TOO_LONG * GOAL:
+            return _fitting(part, seconds)
+        larger = min((other for other in PARTS if other > part), default=part)
+        is_tried, _ = self._slow.get(larger, (now, 0.0))
+        return larger if seconds <= WELL_WITHIN * GOAL and now >= is_tried else part
 
     def is_late(self, part: float) -> bool:
         """Whether a draft of this part is to be given up once it is late: where a smaller one can be had.
 
         The first picture of all is not, as it compiles.
         """
-        return part > PARTS[-1] and (bool(self._drafts) or self._whole is not None)
+        return part > PARTS[-1] and (self._last is not None or self._whole is not None)
 
 
-def _expected(part: float, known: dict[float, float]) -> float:
-    """Expected seconds of a picture of some size: measured, or from the next larger one, as costs scale with pixels.
-
-    If only smaller sizes are known, half of the cost is assumed to be independent of the size.
-    """
-    larger = [other for other in known if other >= part]
-    if larger:
-        nearest = min(larger)
-        return known[nearest] * (part / nearest) ** 2
-    nearest = max(known)
-    return known[nearest] * part / nearest
+def _fitting(part: float, seconds: float) -> float:
+    """The largest size that is expected in time, else the smallest: a picture of a part took so long, by its pixels."""
+    fitting = [other for other in PARTS if other <= part and seconds * (other / part) ** 2 <= GOAL]
+    return max(fitting, default=PARTS[-1])
 
 
 def draft_of(scene: Scene, part: float) -> Scene:

@@ -979,6 +979,94 @@ class BarGrips {
   }
 }
 
+// ---------------------------------------------------------------- the last sharp picture from a moved camera
+
+// The last whole picture, moved with the camera by the depths of its pixels, until a draft arrives.
+class Warp {
+  constructor(viewer) {
+    Object.assign(this, { viewer, sharp: null });
+    this.canvas = make("canvas", { className: "elvis-warp", hidden: true, "aria-hidden": "true" });
+  }
+
+  // take a whole picture; its depths follow
+  async keep() {
+    this.hide();
+    this.sharp = null;
+    const { viewer } = this, { picture } = viewer;
+    if (viewer.facts?.kind !== "solid" || !picture.camera) return;
+    const found = await viewer.ask("depths", null).catch(() => null);
+    if (!found || found.number !== viewer.picture.number || !viewer.isWhole) return;
+    const bytes = Uint8Array.from(atob(found.data), (one) => one.charCodeAt(0));
+    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
+    const parts = new Uint16Array(await new Response(stream).arrayBuffer());
+    if (found.number !== viewer.picture.number || !viewer.isWhole) return;
+    this.sharp = { ...found, parts, camera: picture.camera, image: picture.image.slice(2), pixels: this.pixelsOf(found, picture.image) };
+  }
+
+  // colours of the picture at the pixels that have depths
+  pixelsOf({ size: [width, height], step }, [left, top]) {
+    const small = new OffscreenCanvas(width, height).getContext("2d");
+    small.imageSmoothingEnabled = false;
+    small.drawImage(this.viewer.canvas, left, top, width * step, height * step, 0, 0, width, height);
+    return new Uint32Array(small.getImageData(0, 0, width, height).data.buffer);
+  }
+
+  hide() {
+    this.canvas.hidden = true;
+  }
+
+  // show the picture from a camera; each pixel moves to where the camera sees its point, the nearest one counts
+  show(camera) {
+    if (!this.sharp) return;
+    const { size: [width, height], image } = this.sharp;
+    const target = new ImageData(width, height), colors = new Uint32Array(target.data.buffer);
+    const [red, green, blue] = this.viewer.background.map((part) => Math.round(255 * part));
+    colors.fill(((255 << 24) | (blue << 16) | (green << 8) | red) >>> 0);
+    this.splat(camera, colors, new Float32Array(width * height).fill(Infinity));
+    Object.assign(this.canvas, { width, height });
+    this.canvas.getContext("2d").putImageData(target, 0, 0);
+    this.place(image);
+  }
+
+  // x' = A x + b maps points from the first camera's frame (right, up, forward) to the second one's
+  splat(camera, colors, depths) {
+    const { size: [width, height], step, low, high, parts, pixels, camera: first, image } = this.sharp;
+    const full = { up: [0, 0, 1], ...first }, old = frameOf(full, image[1]), now = frameOf(camera, image[1]);
+    const axes = [now.right, now.up, now.forward], offset = minus(full.eye, camera.eye);
+    const map = axes.map((axis) => [dot(axis, old.right), dot(axis, old.up), dot(axis, old.forward), dot(axis, offset)]);
+    // world units of a stored pixel: at distance one in perspective
+    const unit_ = (full.fov ? old.pixel / old.distance : old.pixel) * step, next = (camera.fov ? now.pixel / now.distance : now.pixel) * step;
+    const [middleX, middleY] = [image[0] / 2 / step, image[1] / 2 / step], span = (high - low) / 65534;
+    for (let row = 0, at = 0; row < height; row++) {
+      for (let column = 0; column < width; column++, at++) {
+        if (!parts[at]) continue;
+        const depth = low + (parts[at] - 1) * span, scale = full.fov ? unit_ * depth : unit_;
+        const x = (column - middleX) * scale, y = (middleY - row) * scale;
+        const far = map[2][0] * x + map[2][1] * y + map[2][2] * depth + map[2][3];
+        const shrink = camera.fov ? next * far : next;
+        if (!(shrink > 0)) continue;
+        const toX = Math.floor(middleX + (map[0][0] * x + map[0][1] * y + map[0][2] * depth + map[0][3]) / shrink);
+        const toY = Math.floor(middleY - (map[1][0] * x + map[1][1] * y + map[1][2] * depth + map[1][3]) / shrink);
+        // two by two pixels, so that stretched parts have few holes
+        for (let k = 0; k < 4; k++) {
+          const px = toX + (k & 1), py = toY + (k >> 1), to = py * width + px;
+          if (px < 0 || py < 0 || px >= width || py >= height || far >= depths[to]) continue;
+          depths[to] = far;
+          colors[to] = pixels[at];
+        }
+      }
+    }
+  }
+
+  place(image) {
+    const { picture, density } = this.viewer, { size, step } = this.sharp;
+    const [left, top] = picture.image.map((one) => one / density);
+    Object.assign(this.canvas.style, { left: `${left}px`, top: `${top}px`, width: `${(size[0] * step) / density}px`, height: `${(size[1] * step) / density}px`,
+      clipPath: `inset(0 ${(size[0] * step - image[0]) / density}px ${(size[1] * step - image[1]) / density}px 0)` });
+    this.canvas.hidden = false;
+  }
+}
+
 // ---------------------------------------------------------------- another picture behind a divider, or next to the first
 
 //: available refinements
@@ -2087,9 +2175,10 @@ class Viewer {
     this.plots = new Plots(this);
     this.handles = new Handles(this);
     this.beside = new Beside(this);
+    this.warp = new Warp(this);
     this.barGrips = new BarGrips(this);
     this.timeBar = new TimeBar(this);
-    this.canvas.after(...this.beside.parts, this.barGrips.svg, this.handles.svg);
+    this.canvas.after(this.warp.canvas, ...this.beside.parts, this.barGrips.svg, this.handles.svg);
     this.panel = make("section", { className: "elvis-panel", ariaLabel: "settings" });
     this.tree = new DataTree(this);
     // a slider that is being dragged must stay in the page
@@ -2287,7 +2376,11 @@ class Viewer {
     this.root.dataset.final = facts.final ? facts.revision : "";
     picture.close();
     this.overlay();
-    if (!facts.final) return this.beside.draft();
+    if (!facts.final) {
+      this.warp.hide();
+      return this.beside.draft();
+    }
+    this.warp.keep();
     for (const resume of this.resting.splice(0)) resume();
     // requests about the previous picture are repeated
     this.point(this.pointer);
@@ -2447,7 +2540,9 @@ class Viewer {
     if (this.pending) return;
     this.pending = requestAnimationFrame(() => {
       this.pending = 0;
-      if (this.camera) this.change({ camera: plain(this.camera) }, true);
+      if (!this.camera) return;
+      this.change({ camera: plain(this.camera) }, true);
+      if (this.isWhole || !this.warp.canvas.hidden) this.warp.show(this.camera);
     });
   }
 
