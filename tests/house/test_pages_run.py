@@ -70,8 +70,16 @@ def is_followed(option, value):
     return option == "--streamlines" and not value.startswith(("cores=", "along="))
 
 
-def test_commands_of_the_readme_run(run_commands):
-    run_commands("README.md")
+def test_commands_of_the_readme_run_in_an_empty_folder(tmp_path, monkeypatch):
+    """The first one writes the sample that the others read."""
+    from elvis.plugins.command import elvis
+
+    monkeypatch.chdir(tmp_path)
+    every = commands("README.md")
+    assert every[0] == ["sample", "wing"]
+    for words in map(sooner, every):
+        outcome = CliRunner().invoke(elvis, words, standalone_mode=False)
+        assert outcome.exception is None, f"{words}: {outcome.exception}"
 
 
 @pytest.mark.sampled(least=len(WITH_COMMANDS) // 5, free=("page",))

@@ -52,6 +52,13 @@ def from_blueprint(mesh: Any, *, time: float | None = None) -> Dataset:
     Fields with a basis have any order; fields without a basis are linear, or constant in elements.  A vector ``u``
     becomes ``u_x``, ``u_y``, ``u_z``; remarks of the dataset give the measured error.  Raises ElvisError if data are
     missing or invalid.
+
+    >>> coordinates = {"type": "explicit", "values": {"x": [0.0, 1.0, 0.0], "y": [0.0, 0.0, 1.0]}}
+    >>> elements = {"shape": "tri", "connectivity": [0, 1, 2]}
+    >>> mesh = {"type": "unstructured", "coordset": "coords", "elements": elements}
+    >>> u = {"topology": "mesh", "association": "vertex", "values": [0.0, 1.0, 0.0]}
+    >>> elvis.from_blueprint({"coordsets": {"coords": coordinates}, "topologies": {"mesh": mesh}, "fields": {"u": u}})
+    <Dataset 2D: 1 triangle; fields u of order 1>
     """
     pieces = [_piece(domain) for domain in _domains(mesh)]
     _check_same_fields(pieces)

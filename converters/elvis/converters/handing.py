@@ -47,6 +47,10 @@ def to_pyvista(
     data ``error of NAME`` are the largest difference from the exact values, measured between the points, and its share
     of the range; ``error of coordinates`` measures the cells' shape.  Raises ElvisError if an error is larger than
     allowed, for Lagrange cells along Fourier directions, and without PyVista.
+
+    >>> ds = elvis.read("wing.xml", "wing.fld")
+    >>> elvis.to_pyvista(ds, "p", refinement=0).n_cells
+    480
     """
     pyvista = require_module("pyvista", "to_pyvista", "notebook")
     losses: Sequence[Loss]
@@ -78,6 +82,10 @@ def to_meshio(
 
     Its ``info["errors"]`` has for the coordinates and each quantity ``error``, ``relative`` and the worst ``element``.
     Raises ElvisError as `to_pyvista`, and without meshio.
+
+    >>> ds = elvis.read("wing.xml", "wing.fld")
+    >>> elvis.to_meshio(ds, "p", refinement=0)
+    <meshio mesh object>...
     """
     meshio = require_module("meshio", "to_meshio", "notebook")
     linear = linear_cells(dataset, quantities, refinement)

@@ -45,6 +45,13 @@ def from_ngsolve(
 
     The library evaluates all functions.  Remarks of the dataset give the error, measured at points outside the fit.
     Raises ElvisError for invalid arguments.
+
+    >>> import ngsolve, netgen.geom2d
+    >>> mesh = ngsolve.Mesh(netgen.geom2d.unit_square.GenerateMesh(maxh=0.5))
+    >>> gfu = ngsolve.GridFunction(ngsolve.H1(mesh, order=3), name="gfu")
+    >>> gfu.Set(ngsolve.x * ngsolve.y)
+    >>> elvis.from_ngsolve(gfu)
+    <Dataset 2D: ... triangles; fields gfu of order 3>
     """
     if _is_ngsolve_function(mesh):
         mesh, fields = mesh.space.mesh, _with_first(mesh.name, mesh, fields)
@@ -70,6 +77,14 @@ def from_mfem(mesh: Any, fields: Any = None, *, time: float | None = None, **nam
 
     The library writes them with all their digits to a scratch folder, and evaluates them in a separate process; remarks
     of the dataset give the measured error.  Raises ElvisError for invalid arguments, or a function of another mesh.
+
+    >>> import mfem.ser as mfem
+    >>> mesh = mfem.Mesh.MakeCartesian2D(2, 2, mfem.Element.QUADRILATERAL)
+    >>> space = mfem.FiniteElementSpace(mesh, mfem.H1_FECollection(2, 2))
+    >>> x = mfem.GridFunction(space)
+    >>> _ = x.Assign(1.0)
+    >>> elvis.from_mfem(x)
+    <Dataset 2D: ...; fields u of order 2>
     """
     if _is_mfem_function(mesh):
         mesh, fields = mesh.FESpace().GetMesh(), _with_first(FUNCTION, mesh, fields)

@@ -90,6 +90,10 @@ def critical_points(dataset: Dataset, velocity: Sequence[str] | None = None) -> 
     velocity  names of its components; None for the usual names in the data
     Raises ElvisError if the zeros of a component are not zeros of a polynomial, and for surfaces in space and Fourier
     directions.
+
+    >>> ds = elvis.from_arrays({"triangle": [[[-1, -1], [2, -1], [-1, 2]]]}, u=[[-1, 2, -1]], v=[[-1, -1, 2]])
+    >>> elvis.critical_points(ds).points[0].kind
+    'node out'
     """
     outer = _Outer.of(dataset.mesh, np.arange(len(dataset.mesh.vertices)), ALONE)
     return united([_found(dataset, velocity, outer)])

@@ -34,6 +34,10 @@ def to_xarray(
 
     Dimensions are z, y and x, as many as the data have, x fastest; ``element`` is the id of the element, -1 outside.
     Raises ElvisError if counts or ends are invalid, or without xarray.
+
+    >>> ds = elvis.read("wing.xml", "wing.fld")
+    >>> elvis.to_xarray(ds, "p", counts=8)["p"].shape
+    (8, 8, 8)
     """
     xarray = require_module("xarray", "to_xarray", "notebook")
     names = Names.of(dataset)

@@ -59,6 +59,10 @@ def norms(dataset: Dataset, ranks: Ranks = ALONE) -> dict[str, Norm]:
     without fields by EXPANSIONS.  Integrals over surfaces and curves in space use their area and length.  Homogeneous
     directions add their coordinate; their planes weigh LZ/n each, but 1 on segments with one such direction, as in
     FieldConvert.  Raises ElvisError if the domain, or a field on it, holds no element.
+
+    >>> ds = elvis.from_arrays({"triangle": [[[0, 0], [1, 0], [0, 1]]]}, u=[[0, 1, 0]], v=[[0, 0, 0]])
+    >>> round(elvis.norms(ds)["u"].l2, 6)
+    0.288675
     """
     # fields that are the map count only where there are no others: then coordinates are integrated by their rule
     names, axes = [one.name for one in dataset.solution or dataset.fields], _axes(dataset)

@@ -19,7 +19,11 @@ AXES = ("x", "y", "z")
 
 
 def points_on_line(start: Sequence[float], end: Sequence[float], count: int) -> Floats:
-    """(count, 3) evenly spaced points from ``start`` to ``end``, both included."""
+    """(count, 3) evenly spaced points from ``start`` to ``end``, both included.
+
+    >>> elvis.points_on_line((0, 0, 0), (1, 0, 0), 3)[:, 0]
+    array([0. , 0.5, 1. ])
+    """
     fractions = np.linspace(0.0, 1.0, count)[:, None]
     points: Floats = (1 - fractions) * np.asarray(start) + fractions * np.asarray(end)
     return points
@@ -29,6 +33,9 @@ def points_on_plane(origin: Sequence[float], u: Sequence[float], v: Sequence[flo
     """(N M, 3) points of the parallelogram that ``u`` and ``v`` span from ``origin``, evenly spaced, borders included.
 
     counts  (N, M) points along u and along v; point i along u and j along v is row j N + i
+
+    >>> elvis.points_on_plane((0, 0, 0), (1, 0, 0), (0, 1, 0), (3, 2)).shape
+    (6, 3)
     """
     along_u, along_v = (np.linspace(0.0, 1.0, count) for count in counts)
     t, s = np.meshgrid(along_v, along_u, indexing="ij")

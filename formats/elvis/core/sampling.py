@@ -126,6 +126,11 @@ def sample(dataset: Dataset, quantities: str | Sequence[str] | None, points: Any
     all         whether to return a result for every element that contains a point, as on both sides of a jump
 
     Raises ElvisError for unknown quantities, and for points of another shape.
+
+    >>> ds = elvis.read("wing.xml", "wing.fld")
+    >>> found = elvis.sample(ds, ["p", "speed"], (0.4, 0.3, 0.2))
+    >>> found["p"].round(6)
+    array([-0.169383])
     """
     from elvis.core.quantities import Expression, Names, evaluator
 
@@ -187,7 +192,12 @@ def line(
     end: Sequence[float],
     count: int = 101,
 ) -> Samples:
-    """Quantities at evenly spaced points from ``start`` to ``end``, both included (see `sample`)."""
+    """Quantities at evenly spaced points from ``start`` to ``end``, both included (see `sample`).
+
+    >>> ds = elvis.read("wing.xml", "wing.fld")
+    >>> elvis.line(ds, "p", (-1, 1, 0.5), (2, 1, 0.5), 50)
+    <Samples of p at 50 points: 50 inside>
+    """
     return sample(dataset, quantities, points_on_line(start, end, count))
 
 

@@ -67,6 +67,8 @@ def wall_points(dataset: Dataset, wall: str, velocity: Sequence[str] | None = No
     Eigenvalues belong to the shear's gradient for a viscosity of one, and to momenta if the data have momenta.  Points
     on edges along which all shear is zero, as between two walls, are excluded.  Raises ElvisError as `critical_points`,
     for data that aren't 3D, for unknown boundaries, and if the velocity isn't zero on the wall.
+
+    >>> elvis.wall_points(elvis.read("car.xml", "car.fld"), "body").points  # doctest: +SKIP
     """
     return united([_found(dataset, wall, velocity, ALONE)])
 

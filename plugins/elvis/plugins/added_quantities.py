@@ -80,8 +80,9 @@ def with_quantity(dataset: Dataset, quantity: str, order: int | None = None, tol
     Raises ElvisError for an invalid quantity, a name that a field already has, values that are not finite, and data
     with Fourier directions.
 
-    >>> ds = elvis.with_quantity(ds, "Cp=2*(p-1)")  # doctest: +SKIP
-    >>> elvis.write(ds, "cp.fld")  # doctest: +SKIP
+    >>> ds = elvis.from_arrays({"triangle": [[[0, 0], [1, 0], [0, 1]]]}, u=[[0, 1, 0]], v=[[0, 0, 0]])
+    >>> elvis.with_quantity(ds, "w=u^2")
+    <Dataset 2D: 1 triangle; fields u, v, w of order 2>
     """
     return add_quantities(dataset, [quantity], order, tolerance).dataset
 

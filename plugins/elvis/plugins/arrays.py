@@ -60,6 +60,10 @@ def from_arrays(
 
     The nodes must determine a polynomial of some order.  Remarks of the dataset state the error of the conversion.
     Raises ElvisError if arrays don't fit.
+
+    >>> ds = elvis.from_arrays({"triangle": [[[0, 0], [1, 0], [0, 1]]]}, u=[[0, 1, 0]], v=[[0, 0, 0]])
+    >>> round(ds["u"](0.25, 0.5), 12)
+    0.25
     """
     source = Arrays(positions, fields_by_name(fields, named), {} if reference is None else reference)
     source.time = checked_time(time)

@@ -38,7 +38,9 @@ def boundary_data(dataset: Dataset, boundary: str, quantities: Sequence[str] = (
     the
     errors.  Raises ElvisError for unknown boundaries, and for data with Fourier directions.
 
-    >>> wall = elvis.boundary_data(ds, "wall", ["shear=wall_shear(mu=2e-4)"])  # doctest: +SKIP
+    >>> ds = elvis.read("wing.xml", "wing.fld")
+    >>> elvis.boundary_data(ds, "wing", ["Cp=2*p"])
+    <Dataset 2D in 3D: 80 quadrilaterals; fields u, v, w, p, Cp of order 4>
     """
     conversion = convert_boundary(dataset, boundary, quantities)
     return replace(conversion.dataset, remarks=(*dataset.remarks, *conversion.report.remarks()))

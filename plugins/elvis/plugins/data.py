@@ -144,6 +144,9 @@ def read(
 
     Raises FormatError if a file can't be read or contradicts itself or another, ElvisError if nothing reads the files,
     or a library is missing.
+
+    >>> elvis.read("wing.xml", "wing.fld")
+    <Dataset 3D: 480 hexahedra; fields u, v, w, p of order 4>
     """
     if not paths:
         raise ElvisError("expected files to read, found none")

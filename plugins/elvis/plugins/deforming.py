@@ -58,8 +58,9 @@ def deform(
 
     Examples
     --------
-    >>> deformed = elvis.deform(ds, "u,v,w", scale=50)  # doctest: +SKIP
-    >>> elvis.render(deformed, "sqrt(u^2+v^2+w^2)")  # doctest: +SKIP
+    >>> ds = elvis.from_arrays({"triangle": [[[0, 0], [1, 0], [0, 1]]]}, u=[[0, 1, 0]], v=[[0, 0, 0]])
+    >>> elvis.deform(ds, "u,v", scale=0.5)
+    <Dataset 2D: 1 triangle; fields u, v of order 1>
     """
     return with_deformation(dataset, Deformation(displacement, scale, gradients, height))
 
@@ -102,6 +103,10 @@ def largest_scale(dataset: Dataset, displacement: str) -> LargestScale:
     ------
     ElvisError
         As `deform`, and for surfaces and lines in space.
+
+    >>> ds = elvis.from_arrays({"triangle": [[[0, 0], [1, 0], [0, 1]]]}, d=[[0, -1, 0]], e=[[0, 0, 0]])
+    >>> round(elvis.largest_scale(ds, "d,e").valid, 5)
+    1.0
     """
     dataset = undeformed(dataset)
     texts = component_texts(dataset, displacement)

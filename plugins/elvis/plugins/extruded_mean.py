@@ -57,7 +57,10 @@ def mean_along(dataset: Dataset, axis: str) -> Dataset:
     ElvisError
         If the data have no Fourier direction along the axis, or the mesh is not extruded along it.
 
-    >>> mean = elvis.mean_along(ds, "z")  # doctest: +SKIP
+    >>> cube = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)], float)
+    >>> ds = elvis.from_arrays({"hexahedron": [cube]}, u=[cube[:, 0] + cube[:, 2]])
+    >>> round(elvis.mean_along(ds, "z")["u"](0.25, 0.5), 12)
+    0.75
     """
     if dataset.mesh.dimension < 3:
         return fourier_mean(dataset, axis)

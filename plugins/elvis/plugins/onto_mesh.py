@@ -70,6 +70,11 @@ def onto_mesh(
     fields   names; None for all
 
     ElvisError for data of different dimensions or with Fourier directions, and for points outside with ``error``.
+
+    >>> coarse = elvis.from_arrays({"triangle": [[[0, 0], [1, 0], [0, 1]]]})
+    >>> ds = elvis.from_arrays({"triangle": [[[0, 0], [1, 0], [0, 1]]]}, u=[[0, 1, 0]], v=[[0, 0, 0]])
+    >>> elvis.onto_mesh(ds, coarse).dataset
+    <Dataset 2D: 1 triangle; fields u, v of order 1>
     """
     if source.mesh.dimension != target.mesh.dimension:
         found = f"{source.mesh.dimension}D and {target.mesh.dimension}D"

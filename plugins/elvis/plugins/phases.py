@@ -44,6 +44,10 @@ def at_phase(dataset: Dataset, degrees: float) -> Dataset:
     ------
     ElvisError
         If there is no complex field.
+
+    >>> wave = elvis.from_arrays({"triangle": [[[0, 0], [1, 0], [0, 1]]]}, E_re=[[1, 1, 1]], E_im=[[0, 0, 0]])
+    >>> round(elvis.at_phase(wave, 180.0)["E"](0.2, 0.2), 12)
+    -1.0
     """
     dataset = without_phase(dataset)
     known = tuple(dataset)

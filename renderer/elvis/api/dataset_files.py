@@ -25,8 +25,9 @@ def write(
 
     Raises ElvisError if a file can't be written, or a format can't represent the dataset.
 
-    >>> elvis.write(ds, "wing.xml")  # doctest: +SKIP
-    (PosixPath('wing.xml'), PosixPath('wing.fld'))
+    >>> ds = elvis.from_arrays({"triangle": [[[0, 0], [1, 0], [0, 1]]]}, u=[[0, 1, 0]], v=[[0, 0, 0]])
+    >>> elvis.write(ds, "copy.xml")
+    (PosixPath('copy.xml'), PosixPath('copy.fld'))
     """
     suffix = "" if path is None else Path(path).suffix
     if suffix[1:] in plugins(GROUP):

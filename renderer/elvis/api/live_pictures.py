@@ -26,6 +26,10 @@ def draw(*data: Any, **keywords: Any) -> None:
 
     Examples
     --------
+    >>> import ngsolve, netgen.geom2d
+    >>> mesh = ngsolve.Mesh(netgen.geom2d.unit_square.GenerateMesh(maxh=0.5))
+    >>> gfu = ngsolve.GridFunction(ngsolve.H1(mesh, order=3), name="gfu")
+    >>> gfu.Set(ngsolve.x * ngsolve.y)
     >>> elvis.draw(gfu)  # doctest: +SKIP
     """
     from elvis.converters.live import live_data

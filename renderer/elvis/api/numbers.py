@@ -15,7 +15,9 @@ def extrema(dataset: Dataset, quantity: str) -> tuple[Extremum, Extremum]:
 
     Raises ElvisError for an invalid quantity, and for data with Fourier directions.
 
-    >>> minimum, maximum = elvis.extrema(ds, "speed")  # doctest: +SKIP
-    >>> maximum.value, maximum.bound, maximum.position  # doctest: +SKIP
+    >>> ds = elvis.from_arrays({"triangle": [[[0, 0], [1, 0], [0, 1]]]}, u=[[0, 1, 0]], v=[[0, 0, 0]])
+    >>> minimum, maximum = elvis.extrema(ds, "u")
+    >>> round(maximum.value, 12)
+    1.0
     """
     return quantity_extrema(dataset, Expression.of(dataset, quantity))

@@ -87,6 +87,9 @@ def render(
 
     Raises SceneError if nothing is visible or the field is unknown, DeviceError if the device can't be used,
     KeywordError, which is also a TypeError, with a similar name for an unknown keyword.
+
+    >>> elvis.render("wing.xml", "wing.fld", "p", plane="z=0.5", size=(80, 60)).image.shape
+    (60, 80, 3)
     """
     asked = Request.of(data, scene, keywords)
     at_hand = data_of(asked)

@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 
 #: seconds that a cell waits for the first picture, which a saved notebook shows
 PATIENCE = 20.0
+#: seconds that the loop may take to end
+CLOSING = 5.0
 
 
 def view(*data: Any, scene: Scene | None = None, height: int = 620, **keywords: Unpack[ViewKeywords]) -> NotebookViewer:
@@ -49,6 +51,11 @@ def view(*data: Any, scene: Scene | None = None, height: int = 620, **keywords: 
     keywords  as of `render`
 
     Raises as `render`; ElvisError if anywidget is not installed.
+
+    >>> viewer = elvis.view("wing.xml", "wing.fld", "p", plane="z=0.5")
+    >>> viewer.scene.field
+    'p'
+    >>> viewer.close()
     """
     return NotebookViewer(Request.of(data, scene, keywords), height)
 
@@ -64,7 +71,8 @@ class NotebookViewer:
         scene = request.scene
         source = source_of(scene, request.data)
         self._loop = asyncio.new_event_loop()
-        threading.Thread(target=self._loop.run_forever, daemon=True, name="elvis-viewer").start()
+        self._thread = threading.Thread(target=self._loop.run_forever, daemon=True, name="elvis-viewer")
+        self._thread.start()
         self._session: Session = self._call(_session(scene, source))
         page = files("elvis.viewer") / "page"
         own = {
@@ -155,6 +163,9 @@ class NotebookViewer:
         """End the process that draws."""
         self._call(self._session.close())
         self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join(CLOSING)
+        if not self._thread.is_alive():
+            self._loop.close()
 
     def _repr_mimebundle_(self, **how: Any) -> Any:
         """The widget, and the picture for notebooks that are only read."""

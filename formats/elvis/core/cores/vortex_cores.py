@@ -150,6 +150,11 @@ def vortex_cores(
 
     Turning below 1e-4 of the largest gradient in an element is ignored.  Raises ElvisError for data that aren't 3D or
     have Fourier directions, for components that are not quotients of polynomials, and for negative limits.
+
+    >>> corners = [[-1, -1, -1], [3, -1, -1], [-1, 3, -1], [-1, -1, 3]]
+    >>> ds = elvis.from_arrays({"tetrahedron": [corners]}, u=[[1, 1, -3, 1]], v=[[-1, 3, -1, -1]], w=[[1, 1, 1, 1]])
+    >>> elvis.vortex_cores(ds, criterion="vorticity")
+    <VortexCores: 1 lines, ... points>
     """
     names = Names.of(dataset)
     others = column_expressions(fields, names, _TAKEN)

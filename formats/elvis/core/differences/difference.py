@@ -177,6 +177,10 @@ def diff(
     fields  names; None for all that both have
     error   requested relative error of squares of norms if the meshes differ
     Raises ElvisError if they share no field, if a named field is missing, or if they do not overlap.
+
+    >>> ds = elvis.from_arrays({"triangle": [[[0, 0], [1, 0], [0, 1]]]}, u=[[0, 1, 0]], v=[[0, 0, 0]])
+    >>> elvis.diff(ds, ds, "u")
+    field  L1  L2  H1  Linf  at most ...
     """
     names = _chosen(first, second, fields)
     if not 0 < error < 1:

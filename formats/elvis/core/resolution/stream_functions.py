@@ -68,7 +68,9 @@ def with_stream_function(
     ElvisError
         For data that are not plane, have Fourier directions or no velocity, and for a field of this name.
 
-    >>> ds = elvis.with_stream_function(ds)  # doctest: +SKIP
+    >>> ds = elvis.from_arrays({"triangle": [[[0, 0], [1, 0], [0, 1]]]}, u=[[1, 1, 1]], v=[[0, 0, 0]])
+    >>> elvis.with_stream_function(ds)
+    <Dataset 2D: 1 triangle; fields u, v, stream_function of order 1 to 2>
     """
     if name in (own.name for own in dataset.fields):
         raise ElvisError(f"field {name!r} already exists; give the stream function another name")

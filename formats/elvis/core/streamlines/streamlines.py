@@ -159,6 +159,10 @@ def trace(
     make       constructor of the tracer, as in `Flow.tracers`
 
     Raises ElvisError for unknown quantities, missing components, 1D data, and limits that are not positive.
+
+    >>> ds = elvis.read("wing.xml", "wing.fld")
+    >>> elvis.trace(ds, [(-1.5, 0.5, 0.5)], tolerance=1e-4, length=1.0)
+    <TracedLines: 1 lines, ... points; 1 length>
     """
     data = flow_data(data)
     others = column_expressions(fields, data.names, TAKEN)

@@ -40,6 +40,11 @@ def boundary_triangles(
 
     Raises ElvisError for unknown boundaries, for data of other dimensions, and for tolerances that need too many
     triangles.
+
+    >>> ds = elvis.read("wing.xml", "wing.fld")
+    >>> wall = elvis.boundary_triangles(ds, "wing", ["p"], tolerance=0.05)
+    >>> len(wall.triangles)
+    160
     """
     if dataset.mesh.dimension != 3:
         raise ElvisError(f"{boundary}: expected 3D data, found {dataset.mesh.dimension}D data")

@@ -45,6 +45,11 @@ def level_triangles(
     tolerance   distance from the exact surface, in units of the data; by default 1/1000 of the size of the data
 
     Raises ElvisError for other names, for data of other dimensions, and for tolerances that need too many triangles.
+
+    >>> ds = elvis.read("wing.xml", "wing.fld")
+    >>> cut = elvis.level_triangles(ds, "plane:0,0,0.5:0,0,1", ["p"], tolerance=0.1)
+    >>> bool(np.allclose(cut.points[:, 2], 0.5))
+    True
     """
     wanted = default_tolerance(dataset, tolerance)
     level, gradient, evaluator = prepared(dataset, surface, quantities)

@@ -50,6 +50,11 @@ def pathlines(
     ftle       finite-time Lyapunov exponents, over the time that each particle is followed
 
     All others as in `trace`.  ElvisError for times outside the series, a changing mesh, and as in `trace`.
+
+    >>> series = elvis.open_series("wave.xml", "wave_*.chk")
+    >>> paths = elvis.pathlines(series, [(0.5, 0.25)], "0.1,0", tolerance=1e-6)
+    >>> paths
+    <TracedLines: 1 lines, ... points; 1 duration>
     """
     course = _course(seeds, velocity, direction, length, duration, speed, steps, tolerance, random)
     positive("spacing", spacing)
@@ -83,6 +88,11 @@ def streaklines(
     releases  number of releases, at equal time intervals, at least 2
 
     All others as in `pathlines`.
+
+    >>> series = elvis.open_series("wave.xml", "wave_*.chk")
+    >>> dye = elvis.streaklines(series, [(0.1, 0.25)], "0.1,0", releases=5, tolerance=1e-6)
+    >>> dye.points[:, 0].round(6)
+    array([0.1 , 0.15, 0.2 , 0.25, 0.3 ])
     """
     if releases < 2:
         raise ElvisError(f"releases: expected at least 2, found {releases}")

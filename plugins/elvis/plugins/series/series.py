@@ -64,6 +64,12 @@ def open_series(
     reader, cache, reference  as of `read`
 
     Raises FormatError if there are fewer than two steps, or the files can't be read.
+
+    >>> series = elvis.open_series("wave.xml", "wave_*.chk")
+    >>> len(series)
+    9
+    >>> series.at(0.1)
+    <Dataset 2D: 16 quadrilaterals; fields u of order 7; time 0.1>
     """
     from elvis.plugins.data import Reading, check_readable, pairs
 

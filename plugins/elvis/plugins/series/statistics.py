@@ -61,6 +61,10 @@ def average(
     with_extrema  whether to compute minimum and maximum over the steps, with their times (see `extrema`)
 
     Raises ElvisError if the mesh changes between steps, or if no basis contains requested covariances.
+
+    >>> series = elvis.open_series("wave.xml", "wave_*.chk")
+    >>> elvis.average(series).dataset
+    <Dataset 2D: 16 quadrilaterals; fields u of order 7>
     """
     if over not in OVER:
         raise ElvisError(f"expected a mean over {' or '.join(OVER)}, found {over!r}")
