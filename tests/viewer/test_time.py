@@ -68,6 +68,15 @@ def test_steps_are_shown_played_and_plotted(files, start, browser, tmp_path):
     settled(page, viewer)
     assert viewer.session.current.step == 2
 
+    # a page for a colleague contains all steps
+    page.get_by_label("save", exact=True).select_option("page .html")
+    for name, value in (("width", "40"), ("height", "30")):
+        page.locator("dialog").get_by_label(name).fill(value)
+    page.get_by_label("all steps", exact=True).check()
+    with page.expect_download() as started:
+        page.locator("dialog button", has_text="save").click()
+    assert '"times": ["0", "0.5", "1.2"]' in Path(started.value.path()).read_text()
+
     page.get_by_role("button", name="over time").click()
     page.mouse.click(*canvas_place(page, 254, 98))
     with page.expect_download() as started:

@@ -17,6 +17,7 @@ from multiprocessing.connection import Connection
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
+from elvis.scene.permissions import HTML
 from elvis.viewer.encoding import file_of, lossless, lossy, png, with_proof
 from elvis.viewer.other_pictures import OtherPictures
 
@@ -445,14 +446,32 @@ class _Drawing:
         return ""
 
     def _save(self, _: int, content: Table) -> bytes:
-        """The file of a scene: a picture or a record, as ``elvis render`` writes it."""
+        """The file of a scene: a picture or a record, as ``elvis render`` writes it.
+
+        content  ``table`` and ``suffix``; ``directions`` and ``all_steps`` of a page
+        """
         from elvis.scene.tables import scene_of
+        from elvis.viewer.page_files import page_file
 
         suffix = content["suffix"]
         scene = replace(scene_of(content["table"]), outputs=(f"picture{suffix}",))
+        times = self._moments.times if content.get("all_steps") else []
+        directions = content.get("directions", 1)
+        if suffix != HTML or (directions < 2 and len(times) < 2):
+            return file_of(self._drawn(scene), suffix)
+        return page_file(
+            scene, directions, times, lambda views, first: views.cameras(first, self._state(first)), self._drawn
+        )
+
+    def _state(self, scene: Scene) -> Any:
+        """The data at the moment of a scene, which pictures show from now on."""
         self._take(self._in_state(scene))
-        frame = self._pictures.draw(scene)
-        return file_of(frame, suffix)
+        return self._data
+
+    def _drawn(self, scene: Scene) -> Frame:
+        """The picture of a scene at its moment."""
+        self._state(scene)
+        return self._pictures.draw(scene)
 
 
 def _facts_of(frame: Frame, layout: Layout) -> Table:

@@ -204,14 +204,16 @@ async def _post(socket: web.WebSocketResponse, outbox: asyncio.Queue[str | bytes
 
 
 def _how(request: web.Request) -> dict[str, Any]:
-    """Size and samples of a picture that is saved, as keys of a scene; SceneError where they are no numbers."""
+    """Size and samples of a picture to save, directions and steps of a page; SceneError unless they are numbers."""
     found = dict[str, Any]()
     try:
-        for key in ("size", "samples") & request.query.keys():
+        for key in ("size", "samples", "directions", "all_steps") & request.query.keys():
             numbers = [int(text) for text in request.query[key].split("x")]
             found[key] = numbers if key == "size" else numbers[0]
     except ValueError as error:
-        raise SceneError("expected size=WIDTHxHEIGHT and samples=NUMBER, in whole numbers") from error
+        raise SceneError(
+            "expected size=WIDTHxHEIGHT, samples=NUMBER, directions=NUMBER and all_steps=0 or 1, in whole numbers"
+        ) from error
     return found
 
 

@@ -42,6 +42,8 @@ WATCH = 2.0
 DEATHS = 3
 #: pixels of a picture each way
 LEAST, MOST = 64, 8192
+#: directions of a page
+MAX_DIRECTIONS = 360
 #: size of bodies relative to the data's box, above which the edges of the box are also shown
 LARGE_BODY = 0.3
 #: objects that can be hidden
@@ -293,7 +295,8 @@ class Session:
     async def content_of(self, suffix: str, how: Mapping[str, Any] = MappingProxyType({})) -> bytes:
         """The contents of a file to save: the scene, its picture or record; ElvisError for another suffix.
 
-        how  ``size`` and ``samples`` of a picture if they differ from the scene's; SceneError for invalid values
+        how  ``size`` and ``samples`` of a picture if they differ from the scene's; ``directions`` and ``all_steps`` of
+             a page; SceneError for invalid values
         """
         if suffix in SUFFIXES:
             return self.text(suffix).encode()
@@ -334,7 +337,10 @@ class Session:
             raise SceneError(
                 f"size: expected at most {MOST} pixels in each direction, found {scene.size[0]} x {scene.size[1]}"
             )
-        found = await self._drawer.ask("save", {"table": table_of(scene), "suffix": suffix})
+        views = {key: int(how[key]) for key in ("directions", "all_steps") if key in how}
+        if not 1 <= views.get("directions", 1) <= MAX_DIRECTIONS:
+            raise SceneError(f"directions: expected 1 to {MAX_DIRECTIONS}, found {views['directions']}")
+        found = await self._drawer.ask("save", {"table": table_of(scene), "suffix": suffix, **views})
         if found is None:
             raise SceneError("the scene changed while the picture was drawn; save it again")
         return bytes(found)

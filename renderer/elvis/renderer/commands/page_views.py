@@ -15,7 +15,7 @@ from elvis.core.errors import ElvisError
 
 if TYPE_CHECKING:
     from elvis.renderer.commands.render import Opened
-    from elvis.scene.whole import Scene
+    from elvis.scene.whole import Camera, Scene
 
 
 @dataclass(frozen=True)
@@ -75,10 +75,10 @@ class PageViews:
         from elvis.scene.fitting import LARGEST
 
         sized = [replace(scene, size=scene.size or LARGEST) for scene in scenes]
-        cameras = self._cameras(sized[0], opened)
+        cameras = self.cameras(sized[0], opened)
         return tuple(replace(scene, camera=camera) for scene in sized for camera in cameras)
 
-    def _cameras(self, scene: Scene, opened: Opened) -> list[Any]:
+    def cameras(self, scene: Scene, opened: Opened) -> list[Camera]:
         """Cameras around the up axis; fitted ones have one scale, at which everything is visible."""
         from elvis.renderer.animation import orbited
         from elvis.renderer.rendering import Pictures

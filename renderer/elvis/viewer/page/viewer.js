@@ -3197,13 +3197,14 @@ class Viewer {
     const form = make("form", { method: "dialog" }, make("p", {}, `Save the ${chosen}, rendered at this size`),
       make("div", { className: "elvis-row" }, make("label", {}, "pixels"), make("div", { className: "elvis-several" }, fields[0], "×", fields[1])),
       make("div", { className: "elvis-row", title: "Supersampling: average N x N samples per pixel" }, make("label", {}, "samples"), fields[2]),
-      note, make("div", { className: "elvis-buttons" }, make("button", { type: "submit" }, "save"), make("button", { type: "button", onclick: () => this.dialog.close() }, "close")));
+      ...(chosen === "page .html" ? this.pageFields(fields) : []), note, make("div", { className: "elvis-buttons" }, make("button", { type: "submit" }, "save"), make("button", { type: "button", onclick: () => this.dialog.close() }, "close")));
     form.addEventListener("submit", async (e) => {
       e.preventDefault();
       note.textContent = "drawing…";
-      const [own, other, samples] = fields.map((field) => Number(field.value));
+      const [own, other, samples, directions, steps] = fields.map((field) => (field.type === "checkbox" ? Number(field.checked) : Number(field.value)));
+      const views = directions ? { directions, all_steps: steps ?? 0 } : {};
       try {
-        await this.keep(`.${chosen.split(".").pop()}`, { size: [own, other], samples });
+        await this.keep(`.${chosen.split(".").pop()}`, { size: [own, other], samples, ...views });
         this.dialog.close();
       } catch (error) {
         note.textContent = error.message;
@@ -3212,6 +3213,16 @@ class Viewer {
     this.dialog.replaceChildren(form);
     this.dialog.showModal();
     fields[0].select();
+  }
+
+  // a page may hold views from several directions and at all steps: further fields of the dialog
+  pageFields(fields) {
+    const turns = make("input", { type: "number", value: 1, min: 1, max: 360, step: 1, "aria-label": "directions", required: true });
+    const steps = make("input", { type: "checkbox", "aria-label": "all steps" });
+    fields.push(turns, steps);
+    const row = (name, title, field) => make("div", { className: "elvis-row", title }, make("label", {}, name), field);
+    const isFlat = this.facts.kind === "plane", isStill = this.timeBar.times.length < 2;
+    return [...(isFlat ? [] : [row("directions", "Number of views around the up axis", turns)]), ...(isStill ? [] : [row("all steps", "A view at each step of the series", steps)])];
   }
 
   offerWriting(may) {
@@ -3370,10 +3381,10 @@ class Socket {
     return url.href;
   }
 
-  async file(suffix, { size, samples }) {
+  async file(suffix, { size, ...more }) {
     const asked = new URL(this.address(`save/elvis${suffix}`));
     if (size) asked.searchParams.set("size", size.join("x"));
-    if (samples) asked.searchParams.set("samples", samples);
+    for (const [name, value] of Object.entries(more)) if (value) asked.searchParams.set(name, value);
     const answer = await fetch(asked);
     if (!answer.ok) throw new Error(await answer.text());
     return answer.blob();

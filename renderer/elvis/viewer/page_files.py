@@ -1,0 +1,46 @@
+"""Pages for colleagues that the viewer saves: a scene from several directions and at all steps, in one file."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from elvis.renderer.commands.page_views import PageViews
+
+if TYPE_CHECKING:
+    from elvis.scene.frame import Frame
+    from elvis.scene.whole import Camera, Scene
+
+
+def page_file(
+    scene: Scene,
+    directions: int,
+    times: Sequence[float],
+    cameras: Callable[[PageViews, Scene], list[Camera]],
+    draw: Callable[[Scene], Frame],
+) -> bytes:
+    """The contents of an HTML file.
+
+    directions  number of views around the up axis
+    times       of all steps; none for the scene's own time
+    cameras     finds the cameras of the views of the first scene
+    draw        draws a scene at its time
+    """
+    from elvis.scene.commandline.composing import in_one_range
+    from elvis.scene.saving import save_views
+
+    views = PageViews(directions, "all" if times else None)
+    moments = [replace(scene, step=None, time=time) for time in times] or [scene]
+    chosen = cameras(views, moments[0])
+    scenes = [replace(moment, camera=camera) for moment in moments for camera in chosen]
+    frames = [draw(each) for each in scenes]
+    shared = in_one_range(frames)
+    if shared is not None:
+        frames = [draw(replace(each, range=shared)) for each in scenes]
+    with tempfile.TemporaryDirectory(prefix="elvis-") as folder:
+        path = Path(folder, "page.html")
+        save_views(frames, views.angles, path, plain=scene.plain)
+        return path.read_bytes()
