@@ -64,13 +64,16 @@ def test_a_second_dataset_is_compared(page, viewer, finer, tmp_path):
     assert np.array_equal(pixels, render(read(*finer), scene).image)
 
     second.select_option("difference: other")
+    page.wait_for_function("Array.isArray(elvis.table.range)")
     settled(page, viewer)
+    low, high = viewer.session.table["range"]
+    assert low == -high
     assert viewer.session.table["field"] == "u - other:u"
     assert picture(viewer) == as_rendered(viewer, tmp_path)
     second.select_option("compare: off")
     settled(page, viewer)
     assert viewer.session.table["field"] == "u"
-    assert "palette" not in viewer.session.table
+    assert not {"palette", "range"} & viewer.session.table.keys()
 
 
 def test_unreadable_files_change_nothing(page, viewer, tmp_path):

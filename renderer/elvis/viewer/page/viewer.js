@@ -1122,12 +1122,18 @@ class Beside {
   }
 
   // the difference of the field, in colours about zero; what was shown before comes back with another choice
-  subtract(name) {
+  async subtract(name) {
     this.restore();
     const { viewer } = this, field = viewer.shown();
     this.before = Object.fromEntries(["field", "palette", "range"].map((key) => [key, viewer.table[key] ?? null]));
     this.field = `${field} - ${name}:${field}`;
-    viewer.change({ field: this.field, palette: "coolwarm", range: "visible" });
+    const wanted = this.field;
+    viewer.change({ field: wanted, palette: "coolwarm", range: "visible" });
+    // a range symmetric about zero, once the values are known
+    do await viewer.rest(); while (this.before && viewer.picture.field !== wanted);
+    if (!this.before || viewer.table.field !== wanted) return;
+    const most = Math.max(...(viewer.picture.ranges[wanted] ?? []).map(Math.abs));
+    if (most > 0 && Number.isFinite(most)) viewer.change({ range: [-most, most] });
   }
 
   restore() {
