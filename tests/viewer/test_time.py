@@ -43,7 +43,7 @@ def test_steps_are_shown_played_and_plotted(files, start, browser, tmp_path):
     page.get_by_label("time", exact=True).press("Enter")
     settled(page, viewer)
     assert (viewer.session.current.step, viewer.session.current.time) == (None, 0.3)
-    assert page.get_by_text("between 0 and 1 of 0 to 2").is_visible()
+    assert page.get_by_text("between 0 and 1 of 0 to 2", exact=True).is_visible()
     assert picture(viewer) == as_rendered(viewer, tmp_path)
 
     page.get_by_role("button", name="one range").click()
@@ -63,7 +63,7 @@ def test_steps_are_shown_played_and_plotted(files, start, browser, tmp_path):
     settled(page, viewer)
 
     page.get_by_label("steps per second").select_option("25 / s")
-    page.get_by_role("button", name="▶").click()
+    page.get_by_role("button", name="play").click()
     page.wait_for_function("() => elvis.timeBar.step === 2 && !elvis.timeBar.isPlaying")
     settled(page, viewer)
     assert viewer.session.current.step == 2

@@ -79,8 +79,9 @@ def test_long_drawing_is_announced(page, viewer):
 
 def test_seeds_of_streamlines_are_edited(page, viewer):
     """New lines go both ways; the kind of seeds and their fields make the text that the scene stores."""
-    change(page, {"objects[0]": {"kind": "streamlines", "seeds": ["7"], "velocity": ["u", "x", "1"], "steps": 20}})
+    change(page, {"objects[0]": {"kind": "streamlines", "seeds": ["7"], "velocity": "u,x,1", "steps": 20}})
     settled(page, viewer)
+    assert page.locator(".elvis-error").is_hidden(), page.inner_text(".elvis-error")
     panel = page.get_by_role("region", name="settings")
     assert panel.get_by_label("count", exact=True).input_value() == "7"
     panel.get_by_label("kind of seeds").select_option("line")
@@ -89,7 +90,7 @@ def test_seeds_of_streamlines_are_edited(page, viewer):
     panel.get_by_label("count", exact=True).press("Enter")
     panel.get_by_label("from 2").fill("0.25")
     panel.get_by_label("from 2").press("Enter")
-    panel.get_by_label("direction").select_option("both")
+    panel.get_by_label("direction", exact=True).first.select_option("both")
     settled(page, viewer)
     found = scene_of(viewer.session.table).objects[0]
     kind, start, _, count = found.seeds[0].split(":")

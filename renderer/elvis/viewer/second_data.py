@@ -24,21 +24,21 @@ _CHUNK = 1 << 20
 
 
 class SecondData:
-    """Files of a second dataset in a private folder, which lasts as long as the session."""
+    """Files of a second dataset in private folders, which last until others are accepted or the session ends."""
 
     def __init__(self) -> None:
-        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        self._folders: list[tempfile.TemporaryDirectory[str]] = []
 
     async def receive(self, parts: Any) -> list[Path]:
-        """The files of a multipart request, in place of those before; ElvisError if they are too many or too large."""
-        self.close()
-        self._folder = tempfile.TemporaryDirectory(prefix="elvis-compare-")
+        """The files of a multipart request, next to those before; ElvisError if they are too many or too large."""
+        folder = tempfile.TemporaryDirectory(prefix="elvis-compare-")
+        self._folders.append(folder)
         found: list[Path] = []
         left = MAX_BYTES
         async for part in parts:
             if part.filename is None or len(found) == MAX_FILES:
                 raise ElvisError(f"expected at most {MAX_FILES} files")
-            path = Path(self._folder.name, plain_name(part.filename))
+            path = Path(folder.name, plain_name(part.filename))
             with path.open("xb") as file:
                 while content := await part.read_chunk(_CHUNK):
                     left -= len(content)
@@ -50,11 +50,19 @@ class SecondData:
             raise ElvisError("expected the files of a dataset, found none")
         return found
 
+    def accept(self) -> None:
+        """Remove the files before the last ones."""
+        while len(self._folders) > 1:
+            self._folders.pop(0).cleanup()
+
+    def reject(self) -> None:
+        """Remove the last files."""
+        self._folders.pop().cleanup()
+
     def close(self) -> None:
-        """Remove the files."""
-        if self._folder is not None:
-            self._folder.cleanup()
-            self._folder = None
+        """Remove all files."""
+        while self._folders:
+            self.reject()
 
 
 def plain_name(name: str) -> str:

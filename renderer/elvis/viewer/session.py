@@ -208,7 +208,10 @@ class Session:
     def _shown_table(self) -> Table:
         """The table of the scene as pages show it."""
         table = table_of(self.current)
-        return table if self._paper is None else {"background": self._paper, **table}
+        # a table of a scene omits defaults: white may have been chosen
+        if self._paper is None or "background" in self.table:
+            return table
+        return {**table, "background": self._paper}
 
     async def change(self, changes: Table, *, is_moving: bool = False, by: Viewer | None = None) -> None:
         """Change the scene in some places; SceneError where it would not be valid, and nothing is changed."""
@@ -424,7 +427,9 @@ class Session:
                 # the reason of the files alone is the more useful one
                 reason = reason or error
             else:
+                self.second.accept()
                 return
+        self.second.reject()
         await self._read_from(before)
         assert reason is not None
         raise reason

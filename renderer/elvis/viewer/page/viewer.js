@@ -1337,7 +1337,7 @@ class TimeBar {
 
   begin() {
     this.isPlaying = true;
-    this.play.textContent = "■";
+    Object.assign(this.play, { textContent: "■", ariaLabel: "stop" });
     this.advance(this.step >= this.times.length - 1 ? 0 : this.step);
   }
 
@@ -1362,7 +1362,7 @@ class TimeBar {
     if (!this.isPlaying) return;
     this.isPlaying = false;
     clearTimeout(this.timer);
-    this.play.textContent = "▶";
+    Object.assign(this.play, { textContent: "▶", ariaLabel: "play" });
     this.go(this.step, false);
   }
 
