@@ -1,4 +1,7 @@
-"""Isosurfaces of elements of high order: the models by which rays are followed leave roots where they are."""
+"""Isosurfaces of elements of high order: the models by which rays are followed leave roots where they are.
+
+Errors of models are tested in test_iso_truncate.py.
+"""
 
 from dataclasses import replace
 
@@ -55,6 +58,7 @@ def drawn(loaded, quantity, monkeypatch, room, off):
     return Watched(loaded).draw(VIEW, None, LEVELS[quantity]), np.array(degrees)
 
 
+@pytest.mark.thorough
 def test_models_preserve_roots(loaded, quantity, monkeypatch):
     plain, none = drawn(loaded, quantity, monkeypatch, room=1, off=1e-6)
     assert not none.any()
