@@ -47,7 +47,11 @@ def plane_means(dataset: Dataset, axis: str, places: Sequence[float]) -> PlaneMe
     ElvisError
         If a plane misses the data, or the data have no such axis.
 
-    >>> profile = elvis.plane_means(ds, "y", [0.1, 0.5, 1.0])  # doctest: +SKIP
+    >>> cube = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)], float)
+    >>> ds = elvis.from_arrays({"hexahedron": [cube]}, u=[cube[:, 0] + cube[:, 2]])
+    >>> profile = elvis.plane_means(ds, "z", [0.25, 0.5])
+    >>> [round(mean, 6) for mean in profile.means["u"]]
+    [0.75, 1.0]
     """
     names = [field.name for field in dataset.solution]
     if not names:
