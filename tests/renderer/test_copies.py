@@ -318,10 +318,12 @@ def test_linear_pictures_of_copies_are_those_of_a_file(data, mirrored):
     assert ours.rivals[2].skipped == "its cells are those of the data, without copies"
 
 
-def test_declared_periods_are_known():
+def test_declared_periods_are_known(tmp_path):
     mesh = grid(Shape.HEXAHEDRON, 1)
     sides = replace(mesh.composites[1], name=PERIODIC)
     data = Dataset(replace(mesh, composites=(mesh.composites[0], sides)))
+    write(data, tmp_path / "box.xml")
+    assert "1 along x, 1 along y, 1 along z (--repeat x:COUNT draws several)" in run("info", str(tmp_path / "box.xml"))
     frame = render(data, "x", repeat=["x:3", "y:2"], size=30, camera=CAMERA, faces="element:0")
     assert frame.scene.copies.repeat == (Repeat((1.0, 0.0, 0.0), 3), Repeat((0.0, 1.0, 0.0), 2))
     assert set(np.unique(frame.copy)) <= set(range(-1, 6))

@@ -168,7 +168,18 @@ def _describe(
         return
     if series is not None:
         facts = {"series": series.facts(), **facts}
-    _tell(facts, as_json, lambda: print_opened(facts) if source.dataset is None else print_facts(facts, many))
+    _tell(facts, as_json, lambda: _print(facts, source, many))
+
+
+def _print(facts: Facts, source: Source, many: int | None) -> None:
+    """Print facts as tables, with the periods of data that are at hand as a whole."""
+    from elvis.core.copied_domains import periods
+
+    if not isinstance(source, NativeSource):
+        print_opened(facts)
+        return
+    mesh = facts["mesh"] if source.is_part else {**facts["mesh"], "periods": periods(source.dataset)}
+    print_facts({**facts, "mesh": mesh}, many)
 
 
 def _is_done(source: Source, tasks: Mapping[str, Callable[[NativeSource], None]], asked: Mapping[str, bool]) -> bool:

@@ -118,6 +118,9 @@ def _overview(facts: Facts) -> Iterator[tuple[str, str]]:
         yield "non-conforming", f"{mesh['non_conforming_sides']} inner {kind}"
     if mesh["periodic_sides"]:
         yield "periodic", f"{mesh['periodic_sides']} {kind}"
+    if mesh.get("periods"):
+        lengths = ", ".join(f"{length:.6g} along {axis}" for axis, length in mesh["periods"].items())
+        yield "periods", f"{lengths} (--repeat {next(iter(mesh['periods']))}:COUNT draws several)"
     if geometry["given_by_fields"]:
         yield "map", "given by fields of the dataset"
     for axis, lower, upper in zip("xyz", geometry["box"]["lower"], geometry["box"]["upper"], strict=True):
