@@ -9,6 +9,7 @@ import pytest
 from numpy.polynomial import chebyshev
 
 from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.chebyshev_models import level_search
 from elvis.core.chebyshev_models import model as models
 from elvis.core.chebyshev_models.expression_models import BoxLeaves, has_models, model_of
 from elvis.core.chebyshev_models.level_search import LevelSearch, SeriesBoxes
@@ -235,6 +236,15 @@ def test_conditions_drop_boxes_and_tell_where_they_are_open() -> None:
         first, last = (truth(root_of("u+v"), series[boxes.element[number]], point, 1.0 / ROOM) for point in ends)
         change = np.abs(last - first).max() / step
         assert 0.02 * slope_bound < change <= 1.001 * slope_bound
+
+
+def test_series_that_need_too_much_memory_are_less_close(monkeypatch: pytest.MonkeyPatch) -> None:
+    series = random_series(2, 3, 11)
+    exact = np.zeros(series.shape[:2])
+    search = LevelSearch(Whole(series), root_of("u*v"), NAMES, exact, ShapeFacets(CUBE), 7, root_of("u+v"))
+    close = search._affordable(np.arange(2), 0.0)[0].tolerance
+    monkeypatch.setattr(level_search, "_MOST_BYTES", 0)
+    assert search._affordable(np.arange(2), 0.0)[0].tolerance > close
 
 
 def test_elements_with_nan_or_flat_maps_have_no_model() -> None:

@@ -60,6 +60,8 @@ _LOCAL_PART = 3e-4
 #: both for products with a condition, which are small compared to their range over wide areas, and more degrees of
 #: local series to try
 _CONDITIONED_PART, _CONDITIONED_DEGREES = 1e-5, (4, 6)
+#: bytes of all series beyond which products with a condition are followed less closely
+_MOST_BYTES = 3 << 30
 #: pixels of a box of a picture; within one, the quantity changes by more than the error of its series
 _PIXELS = 16.0
 #: boxes whose models are built together: intermediate results stay in the processor's cache
@@ -106,6 +108,7 @@ class LevelSearch:
     errors  (elements, 3 + fields) maximum error of computed values of leaves
     inside  the shape
     degree  least degree of local series, at least the degree of the map
+    tolerance  tolerated error of models with a condition, relative to their range
     condition  an expression that is positive where the level does not count, and negative where it does; None if all
             of it counts
     """
@@ -117,6 +120,7 @@ class LevelSearch:
     inside: ShapeFacets
     degree: int
     condition: Node | None = None
+    tolerance: float = _CONDITIONED_PART
 
     def find(self, level: float) -> SeriesBoxes:
         """The boxes of elements that may hold a level."""
@@ -126,9 +130,7 @@ class LevelSearch:
             return self._none(np.flatnonzero(~finite))
         # infinite remainders become NaN when combined; neither ever counts as small
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-            halvings, count = self._plan(rows)
-            boxes = self.elements.boxes(_some_of(rows), self._place(halvings), 0.5**halvings)
-            search = self._with_best_degree(boxes, level, count)
+            search, halvings, count = self._affordable(rows, level)
             found = [search._none(np.flatnonzero(~finite))]
             for some in np.array_split(rows, -(-len(rows) // _AT_ONCE)):
                 for centre in search._centres(halvings):
@@ -136,15 +138,26 @@ class LevelSearch:
                     found.extend(search._search(boxes, level, count, _MOST_MORE_HALVINGS))
         return _together(found)
 
+    def _affordable(self, rows: Ints, level: float) -> tuple[LevelSearch, int, int]:
+        """The closest search whose series have room, with its halvings of elements and nodes of a line."""
+        halvings, count = self._plan(rows)
+        boxes = self.elements.boxes(_some_of(rows), self._place(halvings), 0.5**halvings)
+        search = self._with_best_degree(boxes, level, count)
+        if self.condition is not None and self.tolerance < _LOCAL_PART:
+            times = len(rows) * len(self._centres(halvings)) / len(boxes)
+            if 8 * times * search._terms(boxes, level, count) > _MOST_BYTES:
+                return replace(self, tolerance=_LOCAL_PART)._affordable(rows, level)
+        return search, halvings, count
+
     def _with_best_degree(self, boxes: ModelBoxes, level: float, count: int) -> LevelSearch:
         """The search with the degree for which all series on some boxes have the fewest terms."""
-
-        def terms(search: LevelSearch) -> int:
-            return sum(own.series.size for own in search._search(boxes, level, count, 0))
-
         more_degrees = _MORE_DEGREES if self.condition is None else _CONDITIONED_DEGREES
         searches = [replace(self, degree=self.degree + more) for more in more_degrees]
-        return min(searches, key=terms)
+        return min(searches, key=lambda search: search._terms(boxes, level, count))
+
+    def _terms(self, boxes: ModelBoxes, level: float, count: int) -> int:
+        """Terms of all series on some boxes."""
+        return sum(own.series.size for own in self._search(boxes, level, count, 0))
 
     def _centres(self, halvings: int) -> Floats:
         """(m, 3) centres of the boxes of a bisected cube that may lie in the shape."""
@@ -206,7 +219,7 @@ class LevelSearch:
         steep = np.array([steepness(count, order) for order in range(ORDERS)])
         off = amplification(count) * model.error + transform_rounding(count) * model.sizes[0]
         rounding = np.outer(steep, off)
-        condition = _Condition.of(conditions[0]) if conditions else None
+        condition = _Condition.of(conditions[0], self.tolerance) if conditions else None
         return _ModelledBoxes(boxes, model.coefficients, model.remainder + rounding, model.error, condition)
 
     def _local(self, models: _ModelledBoxes, level: float, is_whole: bool) -> Iterator[SeriesBoxes]:
@@ -218,7 +231,7 @@ class LevelSearch:
         models = models.part(models.may_hold(level))
         if not len(models.boxes):
             return
-        part = _LOCAL_PART if self.condition is None else _CONDITIONED_PART
+        part = _LOCAL_PART if self.condition is None else self.tolerance
         misfit, tolerance = models.misfit(self.degree), part * models.range
         smallest = models.boxes.half[0] <= _LEAST_HALF
         is_vague = _lacking(models.remainder) > tolerance
@@ -281,7 +294,7 @@ class _ModelledBoxes:
         lacking = _lacking(self.remainder)
         count = self.coefficients.shape[-1]
         rounding = amplification(count) * self.error * max(_PIXELS, steepness(count, 1))
-        part = _MODEL_PART if self.condition is None else _CONDITIONED_PART
+        part = _MODEL_PART if self.condition is None else self.condition.tolerance
         return np.asarray(lacking <= np.maximum(part * self.range, 2.0 * rounding))
 
     @property
@@ -363,20 +376,23 @@ class _Condition:
     remainder     (n,) bounds of the error of the series
     steepness     (n,) bounds of the sum of the magnitudes of its derivatives in x
     error         (n,) maximum error of computed values
+    tolerance     (n,) tolerated error of the models of the quantity, relative to their range
     """
 
     coefficients: Floats
     remainder: Floats
     steepness: Floats
     error: Floats
+    tolerance: Floats
 
     @staticmethod
-    def of(model: ChebyshevModel) -> _Condition:
+    def of(model: ChebyshevModel, tolerance: float) -> _Condition:
         """A condition with a model."""
         count = model.values.shape[-1]
         off = amplification(count) * model.error + transform_rounding(count) * model.sizes[0]
         steep = 3.0 * (model.sizes[1] + model.remainder[1] + steepness(count, 1) * off)
-        return _Condition(model.coefficients, model.remainder[0] + off, steep, model.error)
+        tolerances = np.full(len(off), tolerance)
+        return _Condition(model.coefficients, model.remainder[0] + off, steep, model.error, tolerances)
 
     @staticmethod
     def joined(parts: list[_Condition]) -> _Condition | None:
