@@ -55,7 +55,7 @@ OBJECTS = {
         CutSurface(Implicit("u - 0.7*v - 0.3")),
     ),
     "faces": (Faces(style=Style(mesh_lines=MeshLines(), contours=Contours(count=3))),),
-    "inner faces": (Faces(("inner",), Style(opacity=0.5)),),
+    "transparent faces": (Faces(style=Style(opacity=0.5)),),
     "line integral convolution": (Faces(style=Style(lic=STREAKS)), CutSurface(PLANE, Style(lic=STREAKS))),
     "isosurface": (Isosurface((0.7,)),),
     "isosurface of an expression": (Isosurface((1.5,), "exp(u) - v"),),
@@ -90,7 +90,7 @@ IN_PLANE = {
 #: kinds whose kernels are close to those of others
 AKIN = (
     "cuts by other surfaces",
-    "inner faces",
+    "transparent faces",
     "volume of an expression",
     "volumes together",
     "lines on a wall",
