@@ -29,12 +29,11 @@ from elvis import (
     Transfer,
     TriangleMesh,
     VolumeRendering,
-    render,
 )
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple
 from elvis.renderer.adapters import Adapter
-from elvis.renderer.device import SHADERS, Device
+from elvis.renderer.device import SHADERS
 from elvis.renderer.device_errors import DeviceError
 from elvis.renderer.kernel_failures import DRAWN, drawn_by, naming_what_fails
 
@@ -106,8 +105,6 @@ CLOSE = 1e-12
 #: the same of shades of isosurfaces of expressions, whose normals are derivatives of polynomials that are fitted on
 #: small parts of elements: rounding is divided by the size of the part
 CLOSE_SHADES = 1e-9
-#: kernels of devices other than the CPU, and of commands that draw nothing
-ELSEWHERE = {"wave_lanes", "sample_elements"}
 
 
 def kinds(objects):
@@ -132,10 +129,11 @@ def rotation(points):
 
 @pytest.fixture(scope="module")
 def solution():
-    """Smooth fields u, v, w and a rotation a, b, c on a few curved elements of a shape."""
+    """Smooth fields u, v, w and a rotation a, b, c on a few elements of a shape."""
 
-    def make(shape):
-        mesh = curved(grid(Shape[shape.upper()], 1), ripple(0.04, seed=2), 2)
+    def make(shape, bend=0.04):
+        mesh = grid(Shape[shape.upper()], 1)
+        mesh = curved(mesh, ripple(bend, seed=2), 2) if bend else mesh
         bare = Dataset(mesh)
         functions = {name: lambda x, f=f: wave(f * x) for name, f in (("u", 1.0), ("v", 0.7), ("w", 1.3))}
         functions |= {name: lambda x, i=i: rotation(x)[:, i] for i, name in enumerate("abc")}
@@ -187,23 +185,10 @@ def test_the_cpu_matches_vulkan_in_a_plane(draw, solution, kind, shape):
 
 
 @pytest.mark.thorough
-@pytest.mark.own_devices
-def test_these_objects_need_every_kernel(solution, monkeypatch):
-    linked = set()
-    link = Device._link
-
-    def listed(device, stage, source):
-        linked.add(stage)
-        return link(device, stage, source)
-
-    monkeypatch.setattr(Device, "_link", listed)
-    scenes = [("hexahedron", {"objects": own, **VIEW}) for own in OBJECTS.values()]
-    scenes += [("hexahedron", {"objects": own, "clip": CLIPS, **VIEW}) for own in CLIPPED.values()]
-    scenes += [("quadrilateral", {"objects": own, "size": VIEW["size"]}) for own in IN_PLANE.values()]
-    for shape, scene in scenes:
-        render(solution(shape), field="u", device="cpu", **scene)
-    stages = {path.stem for folder in SHADERS for path in folder.glob("*.slang") if "numthreads" in path.read_text()}
-    assert linked == stages - ELSEWHERE
+@pytest.mark.parametrize("shape", shapes(3))
+@pytest.mark.parametrize("kind", ["isosurface", "volume", "faces"])
+def test_the_cpu_matches_vulkan_on_straight_elements(draw, solution, kind, shape):
+    check_same_frames(draw, solution(shape, bend=0.0), objects=OBJECTS[kind], **VIEW)
 
 
 DRAW_A_SPHERE = """
