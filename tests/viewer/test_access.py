@@ -57,7 +57,13 @@ def test_texts_have_contrast_and_controls_have_names(browser, viewer, scheme):
         save_pixels(render(scene=viewer.session.current), stream, plain=False)
         assert picture(viewer) == stream.getvalue()
         change(page, {"background": None})
-        page.evaluate("elvis.model.send({ type: 'paper', color: null })")
+        # a light page that is opened later brings back white
+        other = browser.new_page(bypass_csp=True)
+        other.goto(viewer.address)
+        other.wait_for_function("elvis.root.dataset.final")
+        settled(page, viewer)
+        assert viewer.session._paper is None
+        other.close()
     settled(page, viewer)
     context.close()
 

@@ -351,8 +351,15 @@ class Session:
     def _state(self, **more: Any) -> str:
         files = [Path(name).name for name in self.scene.data]
         facts = None if self.facts is None else {**self.facts, "name": self.name, "files": files}
-        known = {"table": self.table, "revision": self.revision, "size": self.size, "facts": facts}
-        steps = {"undo": len(self._undo), "redo": len(self._redo), "proof": self.is_proof, "hidden": self.hidden}
+        known = {
+            "table": self.table,
+            "revision": self.revision,
+            "size": self.size,
+            "facts": facts,
+            "paper": self._paper,
+        }
+        shown = {"proof": self.is_proof, "hidden": self.hidden, "paper": self._paper}
+        steps = {"undo": len(self._undo), "redo": len(self._redo), **shown}
         return json.dumps({"type": "state", "writes": self.may_write, "stale": self._stale, **known, **steps, **more})
 
     # drawing

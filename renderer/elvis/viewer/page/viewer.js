@@ -2263,7 +2263,8 @@ class Viewer {
     this.sized();
   }
 
-  update({ table, facts, undo, redo, proof, revision, start, writes, stale, hidden }) {
+  update({ table, facts, undo, redo, proof, revision, start, writes, stale, hidden, paper }) {
+    this.sessionPaper = paper ?? null;
     Object.assign(this, { revision, hidden });
     // another view or other objects: their middle is not known yet
     if (!this.camera || JSON.stringify(table.camera) !== JSON.stringify(plain(this.camera))) this.middle = null;
@@ -2449,11 +2450,11 @@ class Viewer {
     return `rgb(${red}, ${green}, ${blue})`;
   }
 
-  // pictures of scenes without a background follow the theme of the page; nothing is sent while both are white
+  // pictures of scenes without a background follow the theme of the page that was opened last
   darken() {
     const color = this.isDark.matches ? DARK : null;
-    if (color || this.hasDarkened) this.model.send({ type: "paper", color });
-    this.hasDarkened = true;
+    if (String(color) !== String(this.sessionPaper)) this.model.send({ type: "paper", color });
+    this.sessionPaper = color;
   }
 
   // pixels of the screen available for the picture
