@@ -3,16 +3,28 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from elvis.renderer.commands.page_views import PageViews
+from elvis.scene.errors import SceneError
 
 if TYPE_CHECKING:
+    from elvis.renderer.commands.page_views import PageViews
     from elvis.scene.frame import Frame
     from elvis.scene.whole import Camera, Scene
+
+#: directions of a page
+MAX_DIRECTIONS = 360
+
+
+def views_of(how: Mapping[str, Any]) -> dict[str, int]:
+    """The views that a request for a page names, ``directions`` and ``all_steps``; SceneError for too many."""
+    views = {key: int(how[key]) for key in ("directions", "all_steps") if key in how}
+    if not 1 <= views.get("directions", 1) <= MAX_DIRECTIONS:
+        raise SceneError(f"directions: expected 1 to {MAX_DIRECTIONS}, found {views['directions']}")
+    return views
 
 
 def page_file(
@@ -29,6 +41,7 @@ def page_file(
     cameras     finds the cameras of the views of the first scene
     draw        draws a scene at its time
     """
+    from elvis.renderer.commands.page_views import PageViews
     from elvis.scene.commandline.composing import in_one_range
     from elvis.scene.saving import save_views
 

@@ -25,6 +25,7 @@ from elvis.viewer import messages
 from elvis.viewer.drawer import DiedError, Drawer
 from elvis.viewer.drawing_process import Process, Source
 from elvis.viewer.messages import AnyMessage, Message, Question, id_of, parsed
+from elvis.viewer.page_files import views_of
 from elvis.viewer.patches import FIXED, folder_of, patched, put_back, scene_of_page, without
 from elvis.viewer.placing import TakenError, place_of
 from elvis.viewer.second_data import SecondData, sources_with
@@ -42,8 +43,6 @@ WATCH = 2.0
 DEATHS = 3
 #: pixels of a picture each way
 LEAST, MOST = 64, 8192
-#: directions of a page
-MAX_DIRECTIONS = 360
 #: size of bodies relative to the data's box, above which the edges of the box are also shown
 LARGE_BODY = 0.3
 #: objects that can be hidden
@@ -340,10 +339,7 @@ class Session:
             raise SceneError(
                 f"size: expected at most {MOST} pixels in each direction, found {scene.size[0]} x {scene.size[1]}"
             )
-        views = {key: int(how[key]) for key in ("directions", "all_steps") if key in how}
-        if not 1 <= views.get("directions", 1) <= MAX_DIRECTIONS:
-            raise SceneError(f"directions: expected 1 to {MAX_DIRECTIONS}, found {views['directions']}")
-        found = await self._drawer.ask("save", {"table": table_of(scene), "suffix": suffix, **views})
+        found = await self._drawer.ask("save", {"table": table_of(scene), "suffix": suffix, **views_of(how)})
         if found is None:
             raise SceneError("the scene changed while the picture was drawn; save it again")
         return bytes(found)
