@@ -150,10 +150,12 @@ class LevelSearch:
         return search, halvings, count
 
     def _with_best_degree(self, boxes: ModelBoxes, level: float, count: int) -> LevelSearch:
-        """The search with the degree for which all series on some boxes have the fewest terms."""
+        """The search with the degree for which series on some boxes take the least memory and time."""
         more_degrees = _MORE_DEGREES if self.condition is None else _CONDITIONED_DEGREES
         searches = [replace(self, degree=self.degree + more) for more in more_degrees]
-        return min(searches, key=lambda search: search._terms(boxes, level, count))
+        # kernels sum all terms of a box at each step of a ray; products with a condition need closeness above all
+        weight = 3 if self.condition is None else 0
+        return min(searches, key=lambda own: own._terms(boxes, level, count) * (own.degree + 1) ** weight)
 
     def _terms(self, boxes: ModelBoxes, level: float, count: int) -> int:
         """Terms of all series on some boxes."""
