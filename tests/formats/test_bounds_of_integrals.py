@@ -19,13 +19,13 @@ from elvis.core.integrals import (
     integration,
     level_error,
     refinement,
-    taylor,
     tree_discs,
 )
 from elvis.core.integrals.analytic_error import Bounds
 from elvis.core.integrals.box_discs import RHOS, BoxDiscs, _factors
 from elvis.core.integrals.curves import Curve
 from elvis.core.integrals.eta_boxes import EtaBoxes
+from elvis.core.integrals.expansions import Expansion
 from elvis.core.integrals.graph_discs import root_radii
 from elvis.core.integrals.groups import Sums
 from elvis.core.integrals.quadrics import quadric
@@ -157,7 +157,7 @@ def values_of_expansions(rng):
     for sign in (1, -1):
         coefficients = sign * rng.uniform(0, 1, (COUNT, 2, 3, 2))
         radii = tuple(rng.uniform(0.1, 1, (COUNT, 2)) for _ in range(3))
-        middle, radius = taylor.on_discs(coefficients, radii)
+        middle, radius = Expansion(coefficients).disc(radii)
         powers = [own[..., None] ** np.arange(size) for own, size in zip(radii, (2, 3, 2), strict=True)]
         found = np.einsum("nabc,nqa,nqb,nqc->nq", coefficients, *powers)
         yield np.abs(found - middle), radius
@@ -172,7 +172,7 @@ def roots_of_expansions(rng):
         coefficients[:, 0, 0, 1], coefficients[:, 0, 0, 2] = steep, bend
         coefficients[:, 0, 1, 0] = first
         radius = rng.uniform(0.05, 0.4, COUNT)
-        held = root_radii(coefficients, np.zeros((COUNT, 1)), radius[:, None])[:, 0]
+        held = root_radii(Expansion(coefficients), np.zeros((COUNT, 1)), radius[:, None])[:, 0]
         product = first * radius
         exact = 2 * product / (steep + np.sqrt(steep**2 - 4 * bend * product))
         yield exact, held
@@ -182,12 +182,14 @@ def roots_of_expansions(rng):
     coefficients = np.zeros((COUNT, 2, 2, 3))
     coefficients[:, 0, 0, 1], coefficients[:, 1, 0, 1], coefficients[:, 0, 0, 2] = steep, -mixed, -bend
     coefficients[:, 0, 1, 0] = first
-    held = root_radii(coefficients, np.full((COUNT, 1), 0.5), np.ones((COUNT, 1)))[:, 0]
+    held = root_radii(Expansion(coefficients), np.full((COUNT, 1), 0.5), np.ones((COUNT, 1)))[:, 0]
     left = steep - 0.5 * mixed
     exact = 2 * first / (left + np.sqrt(left**2 - 4 * bend * first))
     assert (held <= 2 * exact).all()
     yield exact, held
-    assert np.array_equal(root_radii(-coefficients, np.full((COUNT, 1), 0.5), np.ones((COUNT, 1)))[:, 0], held)
+    assert np.array_equal(
+        root_radii(Expansion(-coefficients), np.full((COUNT, 1), 0.5), np.ones((COUNT, 1)))[:, 0], held
+    )
 
 
 #: functions of leaves x and y

@@ -7,10 +7,11 @@ import pytest
 
 from elvis.core.dataset import Dataset
 from elvis.core.integrals import graph_discs, integrate, level_error
+from elvis.core.integrals.expansions import Expansion
 from elvis.core.integrals.graph_discs import RHOS, PartDiscs, graph_parts
 from elvis.core.integrals.kinks import branches
 from elvis.core.integrals.level_boxes import LevelBoxes
-from elvis.core.integrals.taylor import BENDS, multiplied, straightened, taylor
+from elvis.core.integrals.taylor import BENDS, multiplied, slope, straightened, taylor
 from elvis.core.patch import patches
 from elvis.core.polynomials.bernstein import line_tables
 from elvis.core.quantities.expression import Expression
@@ -147,6 +148,28 @@ def test_taylor_expansions_have_the_values_of_nets():
     np.testing.assert_allclose(value(multiplied(own, bends[:, :2]), steps), factor * value(own, steps), atol=1e-12)
 
 
+def test_omitted_terms_of_expansions_are_bounded():
+    """Values and derivatives of all terms that are left out, at random complex points of the discs."""
+    random, count = np.random.default_rng(2), 6
+    degrees = np.add.outer(np.add.outer(np.arange(8), np.arange(8)), np.arange(8))
+    coefficients = random.normal(size=(count, 8, 8, 8)) * 0.5**degrees
+    bends = random.normal(scale=0.4, size=(count, len(BENDS)))
+    radii = [random.uniform(0.3, 1.2, (count, 1)) for _ in range(3)]
+    found = Expansion.curved(coefficients, bends, radii[:2])
+    whole = straightened(coefficients, bends)
+    assert found.coefficients[0].size < whole[0].size / 10
+    left_out = whole.copy()
+    left_out[tuple(map(slice, (None, *found.coefficients.shape[1:])))] -= found.coefficients
+    for turns in np.exp(2j * np.pi * random.uniform(size=(20, count, 3))):
+        places = np.hstack(radii) * turns
+        powers = radii[2] ** np.arange(8)
+        for own, most in zip((left_out, slope(left_out, 0), slope(left_out, 1)), found.omitted, strict=True):
+            assert (np.abs(value(own, places)) <= (most[:, 0] * powers).sum(axis=1)).all()
+        for axis in range(3):
+            middle, radius = found.slope(axis, radii)
+            assert (np.abs(value(slope(whole, axis), places) - middle[:, 0]) <= radius[:, 0]).all()
+
+
 def value(coefficients, places):
     powers = [places[:, k, None] ** np.arange(coefficients.shape[1 + k]) for k in range(3)]
     return np.einsum("nabc,na,nb,nc->n", coefficients, *powers)
@@ -243,6 +266,6 @@ def test_discs_of_roots_have_room_for_the_change_of_the_slope():
     coefficients[0, 0, 0] = [0.0, 1.0, 0.5]
     coefficients[0, 0, 1, 0] = 1.0
     one = np.ones((1, 1))
-    found = graph_discs.root_radii(coefficients, 0 * one, 0.2 * one)
+    found = graph_discs.root_radii(Expansion(coefficients), 0 * one, 0.2 * one)
     assert 1 - np.sqrt(1 - 2 * 0.2) <= found[0, 0] < np.inf
-    assert graph_discs.root_radii(coefficients, 0 * one, 0.5 * one)[0, 0] == np.inf
+    assert graph_discs.root_radii(Expansion(coefficients), 0 * one, 0.5 * one)[0, 0] == np.inf

@@ -19,8 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.integrals.expansions import Expansion
 from elvis.core.integrals.graphs import between, roots
-from elvis.core.integrals.taylor import majorants, multiplied, on_discs, slope, straightened, taylor
+from elvis.core.integrals.taylor import taylor
 from elvis.core.polynomials.bernstein import line_tables
 from elvis.core.quantities import discs
 from elvis.core.quantities.discs import Disc
@@ -97,15 +98,15 @@ def _kind_of(place: Floats, faces: list[Floats], is_met: Bools, row: Ints) -> In
     return found
 
 
-def root_radii(coefficients: Floats, first: Floats, second: Floats) -> Floats:
+def root_radii(level: Expansion, first: Floats, second: Floats) -> Floats:
     """(n, columns) radii w of discs that hold one root t of h(a, b, t) for |a| <= r, |b| <= s; inf if unproved.
 
-    coefficients   (n, A, B, C) of the expansion of h
+    level          the expansion of h
     first, second  (n, columns) radii r and s
     """
-    by_power = majorants(coefficients, first, second)
-    steep = np.abs(coefficients[:, 0, 0, 1])[:, None]
-    by_power[..., 0] += _ROUNDING * np.abs(coefficients).sum(axis=(1, 2, 3))[:, None]
+    by_power = level.by_power(first, second)
+    steep = np.abs(level.steepness)[:, None]
+    by_power[..., 0] += _ROUNDING * np.abs(level.coefficients).sum(axis=(1, 2, 3))[:, None]
     by_power[..., 1] -= steep * (1 - _ROUNDING)
     orders = np.arange(by_power.shape[2])
 
@@ -155,7 +156,8 @@ class PartDiscs:
         has_root = parts.has_root[:, None]
         centres = np.stack([middle, parts.ends.mean(axis=1), np.where(parts.has_root, parts.root, 0.5)], axis=1)
         with np.errstate(all="ignore"):
-            level, bends = _straight(taylor(nets, centres, np.ones_like(centres)), parts.has_root)
+            own = taylor(nets, centres, np.ones_like(centres))
+            level, bends = _straight(own, parts.has_root, (_known(first), _known(second)))
             rest = root_radii(level, _known(first), _known(second))
         is_proved = np.isfinite(width) & (np.isfinite(rest) | ~has_root)
         rest = np.where(has_root, rest, 0.0)
@@ -168,7 +170,7 @@ class PartDiscs:
         nothing = np.zeros_like(half)
         radii = _where(is_proved, first, second, moved)
         tilts = _tilts(level, radii)
-        is_rising = level[:, 0, 0, 1] > 0
+        is_rising = level.steepness > 0
         return PartDiscs(centres, radii, bends, tilts, is_rising, (stretch, (nothing, nothing)), is_proved)
 
     @staticmethod
@@ -207,18 +209,22 @@ def _end_radii(nets: Floats, parts: GraphParts, column: int, middle: Floats, fir
         places = np.stack([np.zeros(len(here)), middle[here], parts.ends[here, column]], axis=1)
         nothing = np.zeros_like(first[here])
         with np.errstate(all="ignore"):
-            face_level, bends = _straight(taylor(own, places, np.ones((len(here), 3))), np.ones(len(here), bool))
+            expansion = taylor(own, places, np.ones((len(here), 3)))
+            face_level, bends = _straight(expansion, np.ones(len(here), bool), (nothing, first[here]))
             rest = root_radii(face_level, nothing, first[here])
         found[here] = _height(bends, nothing, first[here]) + rest
     return found
 
 
-def _straight(coefficients: Floats, has_root: Bools) -> tuple[Floats, Floats]:
-    """Coefficients of h in t, and the coefficients of P (n, 5), which is 0 without a surface."""
+def _straight(coefficients: Floats, has_root: Bools, radii: tuple[Floats, Floats]) -> tuple[Expansion, Floats]:
+    """The expansion of h in t, and the coefficients of P (n, 5), which is 0 without a surface.
+
+    radii  (n, columns) of the discs of a and b
+    """
     bends = _bends(coefficients)
     bends = np.where(has_root[:, None] & np.isfinite(bends), bends, 0.0)
-    level = straightened(coefficients, bends)
-    return multiplied(level, -_mixed(level) / level[:, 0, 0, 1, None]), bends
+    level = Expansion.curved(coefficients, bends, radii)
+    return level.multiplied(-_mixed(level.coefficients) / level.steepness[:, None], radii), bends
 
 
 def _bends(coefficients: Floats) -> Floats:
@@ -255,9 +261,9 @@ def _height(bends: Floats, first: Floats, second: Floats) -> Floats:
     return np.asarray(p * first + q * second + along_i * first**2 + mixed * first * second + along_j * second**2)
 
 
-def _tilts(level: Floats, radii: tuple[Floats, Floats, Floats]) -> tuple[Disc, Disc]:
+def _tilts(level: Expansion, radii: tuple[Floats, Floats, Floats]) -> tuple[Disc, Disc]:
     """Discs of h_a/h_t and h_b/h_t on discs of a, b and t."""
-    along_a, along_b, along_t = (on_discs(slope(level, axis), radii) for axis in range(3))
+    along_a, along_b, along_t = (level.slope(axis, radii) for axis in range(3))
     return discs.over(along_a, along_t), discs.over(along_b, along_t)
 
 

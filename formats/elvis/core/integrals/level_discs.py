@@ -24,10 +24,11 @@ from elvis.core.arrays import Floats, Ints
 from elvis.core.integrals.box_discs import without_roots
 from elvis.core.integrals.degrees import DegreeRules
 from elvis.core.integrals.disc_algebra import cofactors, determinant, solution
+from elvis.core.integrals.expansions import Expansion
 from elvis.core.integrals.graph_discs import PartDiscs
 from elvis.core.integrals.graph_orders import greatest, turned
 from elvis.core.integrals.subcells import subcell_map
-from elvis.core.integrals.taylor import on_discs, slope, straightened, taylor
+from elvis.core.integrals.taylor import taylor
 from elvis.core.integrals.tree_discs import Ball, TreeDiscs
 from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import bernstein_space
@@ -293,7 +294,7 @@ class LevelDiscs:
         """(n, d) bounds of the lengths of dx/di, dx/dj and dx/dk at real points."""
         found = []
         for axis in self._axes:
-            own = [self._on_discs(slope(x, axis)) for x in self._positions]
+            own = [x.slope(axis, self.parts.radii) for x in self._positions]
             found.append(np.sqrt(sum((np.abs(part[0]) + part[1])[:, 0] ** 2 for part in own)))
         return np.stack(found, axis=1).reshape(len(self.rows), len(self._axes))
 
@@ -316,7 +317,7 @@ class LevelDiscs:
             return discs.number(0.0)
         if node.op == "field" and node.axes and not self.rules.is_affine:
             return self._gradient(field(node.name))[node.axes[0]]
-        return self._on_discs(self._expansion(node))
+        return self._expansion(node).disc(self.parts.radii)
 
     def _constant(self, name: str) -> Disc:
         """The disc of an attribute that is one number throughout an element."""
@@ -334,24 +335,23 @@ class LevelDiscs:
         """The axes i, j, k that exist in this dimension."""
         return range(3 - self.rules.piece.patch.shape.dimension, 3)
 
-    def _on_discs(self, coefficients: Floats) -> Disc:
-        return on_discs(coefficients, self.parts.radii)
-
-    def _expansion(self, node: Node) -> Floats:
-        """Taylor coefficients of a leaf about the centres of parts, in the coordinates whose discs are known."""
+    def _expansion(self, node: Node) -> Expansion:
+        """Taylor expansion of a leaf about the centres of parts, in the coordinates whose discs are known."""
         nets = turned(self.cells.nets(node)[self.cell], self.order)
         found = taylor(nets, self.low + self.size * self.parts.centres, self.size)
-        return found if self.parts.bends is None else straightened(found, self.parts.bends)
+        if self.parts.bends is None:
+            return Expansion(found)
+        return Expansion.curved(found, self.parts.bends, self.parts.radii[:2])
 
     @cached_property
-    def _positions(self) -> list[Floats]:
+    def _positions(self) -> list[Expansion]:
         """Expansions of x, y and z, of x and y in two dimensions."""
         return [self._expansion(coordinate(axis)) for axis in range(len(self._axes))]
 
     @cached_property
     def _centre(self) -> Floats:
         """(n, d, d) X_0: the derivative of x at the centres."""
-        columns = [[slope(x, axis)[:, 0, 0, 0] for axis in self._axes] for x in self._positions]
+        columns = [[x.slope_at_centre(axis) for axis in self._axes] for x in self._positions]
         return np.array(columns).transpose(2, 0, 1)
 
     def _near(self, frame: Floats) -> _Rows:
@@ -359,8 +359,8 @@ class LevelDiscs:
         inverse = np.linalg.inv(np.where(np.linalg.det(frame)[:, None, None] == 0, np.nan, frame))
 
         def row(number: int) -> list[Disc]:
-            own = sum(inverse[:, number, j, None, None, None] * x for j, x in enumerate(self._positions))
-            return [self._on_discs(slope(np.asarray(own), axis)) for axis in self._axes]
+            own = Expansion.combined(inverse[:, number], self._positions)
+            return [own.slope(axis, self.parts.radii) for axis in self._axes]
 
         return _Rows(row, len(self._axes))
 
@@ -377,7 +377,7 @@ class LevelDiscs:
     def _gradient(self, leaf: Node) -> list[Disc]:
         """The gradient of a field in a curved element: X^T g = df/dt, with q = X_0^T g: Y^T q = df/dt."""
         own = self._expansion(leaf)
-        found = solution(_transposed(self._near_centre), [self._on_discs(slope(own, axis)) for axis in self._axes])
+        found = solution(_transposed(self._near_centre), [own.slope(axis, self.parts.radii) for axis in self._axes])
         return _product(np.linalg.inv(self._centre).transpose(0, 2, 1), found)
 
 

@@ -11,7 +11,7 @@ from elvis.core.polynomials.bernstein import line_tables
 from elvis.core.quantities.discs import Disc
 
 #: rounding of values on discs, relative to the sum of the magnitudes of all terms
-_ROUNDING = 64 * float(np.finfo(np.float64).eps)
+ROUNDING = 64 * float(np.finfo(np.float64).eps)
 #: powers of s and t in the terms of a curved surface, in the order of its coefficients
 BENDS = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
 #: the highest power of each
@@ -97,23 +97,26 @@ def majorants(coefficients: Floats, first: Floats, second: Floats) -> Floats:
     sizes = np.abs(coefficients).reshape(n, a, b * c)
     is_own = (first > first[:, :1]).any(axis=0)
     is_own[:1] = False
-    common = (_powers(first[:, :1], a) @ sizes).reshape(n, b, c)
-    own = (_powers(first[:, is_own], a) @ sizes).reshape(n, int(is_own.sum()), b, c)
+    common = (powers_of(first[:, :1], a) @ sizes).reshape(n, b, c)
+    own = (powers_of(first[:, is_own], a) @ sizes).reshape(n, int(is_own.sum()), b, c)
     found = np.empty((*first.shape, c))
-    found[:, ~is_own] = _powers(second[:, ~is_own], b) @ common
-    found[:, is_own] = np.einsum("nqb,nqbc->nqc", _powers(second[:, is_own], b), own)
+    found[:, ~is_own] = powers_of(second[:, ~is_own], b) @ common
+    found[:, is_own] = np.einsum("nqb,nqbc->nqc", powers_of(second[:, is_own], b), own)
     return found
 
 
-def on_discs(coefficients: Floats, radii: tuple[Floats, Floats, Floats]) -> Disc:
-    """The disc around the constant (n, 1) that holds all values on discs with radii (n, columns) around the centre."""
-    by_last = majorants(coefficients, radii[0], radii[1])
-    total = np.einsum("nqc,nqc->nq", by_last, _powers(radii[2], by_last.shape[2]))
+def constant_and_rest(coefficients: Floats, by_power: Floats, radius: Floats) -> Disc:
+    """The disc of all values, around the constant (n, 1).
+
+    by_power  (n, columns, C) bounds of the coefficients of each power of u
+    radius    (n, columns) of the disc of u
+    """
+    total = np.einsum("nqc,nqc->nq", by_power, powers_of(radius, by_power.shape[2]))
     constant = coefficients[:, 0, 0, 0][:, None]
-    return constant, np.maximum(total - np.abs(constant), 0.0) + _ROUNDING * total
+    return constant, np.maximum(total - np.abs(constant), 0.0) + ROUNDING * total
 
 
-def _powers(radii: Floats, count: int) -> Floats:
+def powers_of(radii: Floats, count: int) -> Floats:
     """(..., count) powers from 0."""
     found = np.ones((*radii.shape, count))
     for power in range(1, count):
