@@ -10,7 +10,7 @@ from elvis.core.dataset import Dataset, Field
 from elvis.core.errors import ElvisError
 from elvis.core.polynomials.boxnets import all_halves, corners, product, total
 from elvis.core.quantities import Expression
-from elvis.core.quantities.evaluator import Evaluator
+from elvis.core.quantities.evaluator import Evaluator, Sampler
 from elvis.core.quantity_extrema import quantity_extrema
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple, scattered
@@ -56,6 +56,30 @@ def test_nonpolynomial_quantities_are_bounded_by_intervals():
     assert greatest.value <= greatest.bound < 1 + 1e-3
     assert greatest.position == pytest.approx((np.pi / 6, 1, 0), abs=1e-4)
     assert least.bound <= least.value <= 0
+
+
+def test_functions_of_one_field_reach_their_bounds_where_they_are_flat():
+    """exp(-u^2) is 1 wherever u is 0, on a whole surface, and u^2 is 0 there."""
+    bare = Dataset(curved(grid(Shape.TETRAHEDRON, 1), ripple(0.03), 3))
+    field = approximated(bare, "u", lambda p: np.sin(5 * p[:, 0]) - p[:, 1], 6)
+    dataset = Dataset(bare.mesh, (field,))
+    greatest, least = of(dataset, "exp(-u^2)")[1], of(dataset, "u^2")[0]
+    assert greatest.value == pytest.approx(1, abs=1e-13)
+    assert 0 <= greatest.bound - greatest.value < 1e-13
+    assert -1e-13 <= least.bound <= least.value < 1e-20
+    for found in (greatest, least):
+        samples = Sampler(dataset, [Expression.of(dataset, "u")]).sample(np.array([found.position]))
+        assert samples.values[0, 0] == pytest.approx(0, abs=1e-6)
+
+
+def test_functions_of_a_field_that_jumps_over_their_maximum():
+    """On elements where u is -1 or 2, exp(-u^2) nowhere reaches 1."""
+    dataset = Dataset(grid(Shape.QUADRILATERAL, 2))
+    field = approximated(dataset, "u", lambda p: np.where(p[:, 0] < 0.5, -1.0, 2.0), 2)
+    least, greatest = of(Dataset(dataset.mesh, (field,)), "exp(-u^2)")
+    assert greatest.value == pytest.approx(np.exp(-1), rel=1e-12)
+    assert greatest.bound == pytest.approx(greatest.value, rel=1e-6)
+    assert least.value == pytest.approx(np.exp(-4), rel=1e-12)
 
 
 @pytest.mark.sampled(least=4)

@@ -33,7 +33,8 @@ from elvis.core.quantities.functions import function
 from elvis.core.quantities.intervals import Interval
 from elvis.core.quantities.largest_radii import largest_radii
 from elvis.core.quantities.tree import Node, negative
-from elvis.core.ranks import Ranks
+from elvis.core.ranks import ALONE, Ranks
+from elvis.core.single_field_extrema import best_argument, point_with_value, single_field, values
 
 #: functions that grow with their operand
 _GROWING = ("sqrt", "exp", "log", "sinh", "tanh", "atan")
@@ -65,6 +66,11 @@ def _extrema(dataset: Dataset, expression: Expression) -> tuple[Extremum, Extrem
     if expression.is_field:
         return extrema(dataset, expression.root.name)
     own = _Quantity.of(dataset, expression)
+    name = single_field(expression.root)
+    if name is not None:
+        found = _of_single_field(own, extrema(dataset, name.name), ALONE, expression.text)
+        if found is not None:
+            return found
     return (_of_polynomial(own) if _are_polynomials([own.numbers]) else None) or _of_any(own)
 
 
@@ -87,6 +93,14 @@ def _shared(part: Portion, expression: Expression, ranks: Ranks) -> tuple[Extrem
         whole = _gathered(part, deciding_extrema(part.dataset, name), ranks, task)
         return None if whole is None else extrema(whole, name)
     own = _Quantity.of(part.dataset, expression)
+    argument = single_field(expression.root)
+    if argument is not None:
+        whole = _gathered(part, deciding_extrema(part.dataset, argument.name), ranks, task)
+        ends = ranks.exchange(None if whole is None else extrema(whole, argument.name), task)[0]
+        assert ends is not None
+        found = _of_single_field(own, ends, ranks, task)
+        if found is not None:
+            return None if ranks.rank else found
     if _are_polynomials(ranks.exchange(own.numbers, task)):
         ids = _deciding_polynomial(own)
         if all(ranks.exchange(ids is not None, task)) and ids is not None:
@@ -214,6 +228,34 @@ def _extreme(patch: Patch, row: int, reference: Floats, value: float, bound: flo
     """The extremum of a quantity with ``sign`` times it maximal at a reference point (1, d)."""
     x, y, z = map(float, pointwise.positions(patch, np.array([row]), reference)[0])
     return Extremum(sign * value, sign * max(bound, value), (x, y, z), int(patch.element_ids[row]))
+
+
+def _of_single_field(
+    own: _Quantity, ends: tuple[Extremum, Extremum], ranks: Ranks, task: str
+) -> tuple[Extremum, Extremum] | None:
+    """The extrema of a function of one field with known extrema; None if a point with the best value isn't found."""
+    least, greatest = (_of_argument(own, ends, sign, ranks, task) for sign in (-1, 1))
+    return None if least is None or greatest is None else (least, greatest)
+
+
+def _of_argument(
+    own: _Quantity, ends: tuple[Extremum, Extremum], sign: int, ranks: Ranks, task: str
+) -> Extremum | None:
+    """The place of the maximum of ``sign`` times a function of one field, with the value there and the bound."""
+    root = own.expression.root
+    best = best_argument(root, ends, sign)
+    if best is None:
+        return None
+    for end in ends:
+        if best.argument == end.value:
+            return replace(end, value=sign * best.value, bound=sign * best.bound)
+    every = ranks.exchange(point_with_value(own.held, best.argument), task)
+    points = [point for point in every if point is not None]
+    if not points:
+        return None
+    point = min(points, key=lambda each: each.element)
+    value = float(values(root, np.array([point.value]))[0])
+    return Extremum(value, sign * max(best.bound, sign * value), point.position, point.element)
 
 
 def _of_any(own: _Quantity) -> tuple[Extremum, Extremum]:
