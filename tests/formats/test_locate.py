@@ -79,6 +79,7 @@ def test_subdivided_elements_contain_the_same_points(dimension, monkeypatch):
     points = np.random.default_rng(0).uniform(box.min(axis=0) - 0.7, box.max(axis=0) + 0.7, (3000, 3))
     points[:, dimension:] = 0.0
     answers = []
+    monkeypatch.setattr("elvis.core.mapping.locate._WORTH_OF_PRODUCTS", 0.0)
     for worth in (1, 10**9):
         monkeypatch.setattr("elvis.core.mapping.locate._WORTH", worth)
         answers.append(Locator(parts).locate(points, all=True))

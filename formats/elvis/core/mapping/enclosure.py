@@ -102,6 +102,12 @@ def hulls(patch: Patch, row: int, count: int) -> tuple[Floats, Floats]:
     return nets.min(axis=axes), nets.max(axis=axes)
 
 
+def hull_products(patch: Patch, count: int) -> float:
+    """Number of multiplications for the boxes of an element in ``count`` parts in each direction."""
+    net_shape = _net_shape(_matrix(patch.geometry)[1])
+    return float(3 * count ** patch.shape.dimension * np.prod(net_shape) * net_shape[0])
+
+
 def _nets(patch: Patch, rows: Ints) -> Floats:
     """(n, 3, ...) tensor Bernstein nets of the maps of elements (n,), direction i along axis -1 - i."""
     matrix, degrees = _matrix(patch.geometry)

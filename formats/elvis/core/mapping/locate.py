@@ -12,15 +12,17 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.mapping.boxes import MARGIN, BoxTree, outward
-from elvis.core.mapping.enclosure import hulls
+from elvis.core.mapping.enclosure import hull_products, hulls
 from elvis.core.mapping.inverse import DISTANCE, Roots, Status, decide, invert
 from elvis.core.mapping.orientation import chunks
 from elvis.core.patch import Patch, patches
 
 #: points located together
 _BATCH = 1 << 15
-#: pairs of an element and a point from which it pays to cut the element, and into how many parts in each direction
-_WORTH, _PARTS = 400, 16
+#: pairs of an element and a point from which it pays to cut the element, at least and for each multiplication of that
+_WORTH, _WORTH_OF_PRODUCTS = 400, 7e-5
+#: number of parts in each direction into which an element is cut
+_PARTS = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +139,9 @@ class Locator:
         Such elements are cut into parts once: outside the boxes of all parts there is none of it.
         """
         result = np.zeros(len(point), bool)
-        for number in np.flatnonzero(np.bincount(element, minlength=1) >= _WORTH):
+        worth = np.array([max(_WORTH, _WORTH_OF_PRODUCTS * hull_products(own, _PARTS)) for own in self.patches])
+        pairs = np.bincount(element, minlength=self._starts[-1])
+        for number in np.flatnonzero(pairs >= np.repeat(worth, np.diff(self._starts))):
             here = np.flatnonzero(element == number)
             result[here] = True
             result[here[self._parts(int(number)).candidates(world[point[here]])[0]]] = False
