@@ -129,6 +129,24 @@ def test_a_conversion_is_found_again(home, case):
     assert asked(path) == (first[0], (), 0)
 
 
+def test_mapped_conversions_equal_others(home, case, monkeypatch):
+    """As large ones are, and where their native files can't be read."""
+    work = Work("cubes", Cubes, (case(slope=3),), {})
+    expected = load_or_convert(work, False)
+    monkeypatch.setattr(kept_conversions, "_MAPPED", -1)
+    found = [load_or_convert(work) for _ in range(2)]
+
+    def unreadable(*paths):
+        raise ElvisError("expected a native file")
+
+    monkeypatch.setattr(kept_conversions, "read", unreadable)
+    found.append(load_or_convert(work, False))
+    for dataset in found:
+        (own,), (block,) = dataset.fields[0].blocks, expected.fields[0].blocks
+        assert np.array_equal(own.coefficients, block.coefficients)
+        assert dataset.remarks == expected.remarks
+
+
 def test_cached_conversions_equal_the_output_of_convert(home, case, tmp_path):
     path = case(slope=3)
     by_hand = read(*write(convert(Cubes([path]), files=[path]).dataset, tmp_path / "by_hand.xml"))

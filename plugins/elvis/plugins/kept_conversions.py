@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from hashlib import sha256
@@ -17,7 +17,7 @@ from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, BinaryIO
 
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
@@ -29,7 +29,7 @@ from elvis.formats.nektar.mapped_files import mapped
 from elvis.formats.reading import read, read_part
 from elvis.formats.writing import write
 from elvis.plugins.conversion import Converter
-from elvis.plugins.converting import Settings, convert
+from elvis.plugins.converting import Conversion, Settings, convert
 
 #: maximum size of cached conversions in bytes: the least recently used ones are removed
 MOST_BYTES = 2 << 30
@@ -39,6 +39,8 @@ _PACKAGES = ("elvis.core", "elvis.formats", "elvis.plugins")
 _PART = 1 << 20
 #: the native files by the name under which they are stored
 _MESH, _LENGTH = "converted.xml", 8
+#: bytes of files from which on they are mapped
+_MAPPED = 1 << 26
 
 
 @dataclass(frozen=True)
@@ -59,20 +61,25 @@ class Work:
 class _Result:
     """A conversion in the cache.
 
-    files   native files by name
+    files   native files
     keys    of the metadata, in their order
     further_files  digests of further files that were read, by paths relative to the folder of the first given file
     remarks  on the errors, and on skipped contents
     """
 
-    files: Mapping[str, bytes | memoryview]
+    files: Sequence[Path]
     keys: Sequence[str]
     further_files: Mapping[str, str]
     remarks: Sequence[str]
 
-    def packed(self) -> tuple[bytes, ...]:
+    @property
+    def size(self) -> int:
+        """Bytes of the files."""
+        return sum(path.stat().st_size for path in self.files)
+
+    def packed(self) -> tuple[bytes | Path, ...]:
         """All of it in parts: the length of a head, the head, which is JSON, and the files one after another."""
-        sizes = {name: len(data) for name, data in self.files.items()}
+        sizes = {path.name: path.stat().st_size for path in self.files}
         about = {
             "files": sizes,
             "keys": list(self.keys),
@@ -80,25 +87,42 @@ class _Result:
             "remarks": list(self.remarks),
         }
         head = json.dumps(about).encode()
-        return len(head).to_bytes(_LENGTH, "little"), head, *map(bytes, self.files.values())
-
-    @classmethod
-    def unpacked(cls, content: bytes) -> _Result:
-        """The result from its packed bytes."""
-        start = _LENGTH + int.from_bytes(content[:_LENGTH], "little")
-        head = json.loads(content[_LENGTH:start])
-        files = {}
-        for name, size in head["files"].items():
-            files[name], start = memoryview(content)[start : start + size], start + size
-        return cls(files, head["keys"], head["further_files"], head["remarks"])
+        return len(head).to_bytes(_LENGTH, "little"), head, *self.files
 
     def dataset(self) -> Dataset:
-        """The dataset in the files."""
-        with TemporaryDirectory(prefix="elvis-") as folder:
-            paths = [Path(folder, Path(name).name) for name in self.files]
-            for path, data in zip(paths, self.files.values(), strict=True):
-                path.write_bytes(data)
-            return _read(paths, self.keys, self.remarks)
+        """The dataset in the files, which are mapped if they are large: then only what is used takes memory."""
+        with mapped(if_so=os.name == "posix" and self.size > _MAPPED):
+            return replace(_ordered(read(*self.files), self.keys), remarks=tuple(self.remarks))
+
+
+@dataclass(frozen=True)
+class _Head:
+    """What precedes the files of a conversion in the cache.
+
+    sizes  bytes of the files by name; all else as in `_Result`
+    """
+
+    sizes: Mapping[str, int]
+    keys: Sequence[str]
+    further_files: Mapping[str, str]
+    remarks: Sequence[str]
+
+    @classmethod
+    def read(cls, file: BinaryIO) -> _Head:
+        """The head of packed content, and the file at the first of its files."""
+        head = json.loads(file.read(int.from_bytes(file.read(_LENGTH), "little")))
+        return cls(head["files"], head["keys"], head["further_files"], head["remarks"])
+
+    def unpacked(self, file: BinaryIO, folder: Path) -> _Result:
+        """The result with its files in a folder."""
+        paths = []
+        for name, size in self.sizes.items():
+            path = folder / Path(name).name
+            with path.open("wb") as copy:
+                for first in range(0, size, _PART):
+                    copy.write(file.read(min(_PART, size - first)))
+            paths.append(path)
+        return _Result(paths, self.keys, self.further_files, self.remarks)
 
 
 def load_or_convert(work: Work, is_kept: bool = True) -> Dataset:
@@ -110,16 +134,19 @@ def load_or_convert(work: Work, is_kept: bool = True) -> Dataset:
     """
     folder = cache_folder("conversions") if is_kept else None
     if folder is None:
-        return _convert(work)[1]
+        return _convert(work)
     store, remarks = Store(folder, "conversion", MOST_BYTES), list[str]()
     before = _digests(work.paths)
     key = None if before is None else _key(work, before)
     found = None if key is None else _find(store, key, work.paths, remarks)
     if found is not None:
         return replace(found, remarks=(*found.remarks, *remarks))
-    result, dataset = _convert(work)
-    if key is not None and result is not None and _digests(work.paths) == before:
-        _keep(store, key, result, remarks)
+
+    def keep(result: _Result) -> None:
+        if key is not None and _digests(work.paths) == before:
+            _keep(store, key, result, remarks)
+
+    dataset = _convert(work, keep)
     return replace(dataset, remarks=(*dataset.remarks, *remarks))
 
 
@@ -167,47 +194,63 @@ def _find(store: Store, key: bytes, paths: Sequence[Path], remarks: list[str]) -
     """The cached dataset, if it is valid and none of its inputs has changed."""
     path = store.place(key)
     try:
-        entry = store.read(path)
+        with store.opened(path) as entry:
+            if entry is None:
+                remarks.append(
+                    f"a cached conversion in {store.folder} is damaged: it was moved aside, and the conversion repeated"
+                )
+                return None
+            dataset = _unpacked(entry[1], paths[0].parent) if entry[0] == key else None
     except OSError:
         return None
-    if entry is None:
-        remarks.append(
-            f"a cached conversion in {store.folder} is damaged: it was moved aside, and the conversion repeated"
-        )
-        return None
-    if entry[0] != key:
-        return None
-    result = _Result.unpacked(entry[1])
-    if _digests([paths[0].parent / name for name in result.further_files]) != list(result.further_files.values()):
-        return None
-    try:
-        dataset = result.dataset()
-    except OSError:
-        return None
-    store.note_use(path)
+    if dataset is not None:
+        store.note_use(path)
     return dataset
 
 
-def _convert(work: Work) -> tuple[_Result | None, Dataset]:
-    """The data to cache, None if caching is impossible, and the dataset."""
+def _unpacked(file: BinaryIO, source: Path) -> Dataset | None:
+    """The dataset in the packed content of a file; None if further files, relative to a folder, have changed."""
+    head = _Head.read(file)
+    if _digests([source / name for name in head.further_files]) != list(head.further_files.values()):
+        return None
+    with TemporaryDirectory(prefix="elvis-") as folder:
+        return head.unpacked(file, Path(folder)).dataset()
+
+
+def _convert(work: Work, keep: Callable[[_Result], None] | None = None) -> Dataset:
+    """The dataset of a conversion; ``keep`` receives it with its native files if they can be cached."""
     source = work.converter(work.paths, **work.keywords)
-    conversion = convert(source, Settings(fields=work.fields), work.paths)
-    remarks = conversion.report.remarks()
-    others = None if source.further_files is None else [path for path in source.further_files if path not in work.paths]
+    settings = Settings(fields=work.fields)
+    conversion: Conversion | None = convert(source, settings, work.paths)
+    assert conversion is not None
+    remarks, keys = conversion.report.remarks(), list(conversion.dataset.metadata)
     try:
         with TemporaryDirectory(prefix="elvis-") as folder:
             written = _write(conversion.dataset, Path(folder, _MESH))
-            keys = list(conversion.dataset.metadata)
-            dataset = _read(written, keys, remarks)
-            result = _Result({path.name: path.read_bytes() for path in written}, keys, {}, remarks)
+            further_files = _further_files(source, work.paths)
+            result = _Result(written, keys, further_files or {}, remarks)
+            if result.size > _MAPPED:
+                # its arrays take as much memory as those that are read
+                conversion = None
+            dataset = result.dataset()
+            if keep is not None and further_files is not None:
+                keep(result)
+            return dataset
     except (OSError, ElvisError):
         # no room for files, or the format can't represent the data: they are available nonetheless
-        return None, replace(conversion.dataset, remarks=remarks)
-    digests = None if others is None else _digests(others)
-    if others is None or digests is None:
-        return None, dataset
-    names = [os.path.relpath(path, work.paths[0].parent) for path in others]
-    return replace(result, further_files=dict(zip(names, digests, strict=True))), dataset
+        conversion = conversion or convert(source, settings, work.paths)
+        return replace(conversion.dataset, remarks=remarks)
+
+
+def _further_files(source: Converter, paths: Sequence[Path]) -> dict[str, str] | None:
+    """Digests of the further files that a source has read; None if they are unknown or can't be read."""
+    if source.further_files is None:
+        return None
+    others = [path for path in source.further_files if path not in paths]
+    digests = _digests(others)
+    if digests is None:
+        return None
+    return dict(zip((os.path.relpath(path, paths[0].parent) for path in others), digests, strict=True))
 
 
 def _write(dataset: Dataset, path: Path) -> tuple[Path, ...]:
@@ -216,11 +259,6 @@ def _write(dataset: Dataset, path: Path) -> tuple[Path, ...]:
         return write(dataset, path, mesh_format="hdf5", field_format="hdf5")
     except ElvisError:
         return write(dataset, path)
-
-
-def _read(paths: Sequence[Path], keys: Sequence[str], remarks: Sequence[str]) -> Dataset:
-    """The dataset in files, its shapes and metadata in the order of packed ones: HDF5 has another, or none."""
-    return replace(_ordered(read(*paths), keys), remarks=tuple(remarks))
 
 
 def _ordered(dataset: Dataset, keys: Sequence[str]) -> Dataset:
@@ -233,11 +271,10 @@ def _ordered(dataset: Dataset, keys: Sequence[str]) -> Dataset:
 
 def _keep(store: Store, key: bytes, result: _Result, remarks: list[str]) -> None:
     """Write a conversion to the cache, where there is room for it."""
-    content = result.packed()
-    if sum(map(len, content)) > store.most:
-        return
     try:
-        store.write(key, *content)
+        if result.size > store.most:
+            return
+        store.write(key, *result.packed())
     except OSError as error:
         remarks.append(f"conversions can't be cached in {store.folder}: {error.strerror or error}")
         return

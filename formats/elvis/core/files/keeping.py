@@ -10,16 +10,21 @@ from __future__ import annotations
 import os
 import stat
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from hashlib import sha256
+from itertools import chain
 from pathlib import Path
+from typing import BinaryIO
 
 #: bytes of the checksum, and of the length of the key
 _CHECKSUM, _LENGTH = 32, 2
 #: seconds after which a use is noted, and after which what a killed process has left is removed
 _DAY, _HOUR = 86400.0, 3600.0
 _DAMAGED = ".damaged"
+#: bytes of a file that are read at once
+_BLOCK = 1 << 20
 
 
 def cache_folder(name: str) -> Path | None:
@@ -55,6 +60,16 @@ def make_private(folder: Path) -> None:
         own.mkdir(mode=0o700, exist_ok=True)
 
 
+def _blocks(part: bytes | Path) -> Iterator[bytes]:
+    """The bytes of a part of a result, block by block if they are in a file."""
+    if isinstance(part, bytes):
+        yield part
+        return
+    with part.open("rb") as file:
+        while block := file.read(_BLOCK):
+            yield block
+
+
 @dataclass(frozen=True)
 class Store:
     """The cached results of one kind in a folder, which need not exist.
@@ -76,21 +91,24 @@ class Store:
         """The file of the result with this key."""
         return self.folder / f"{sha256(key).hexdigest()[:40]}.{self.kind}"
 
-    def write(self, key: bytes, *content: bytes) -> Path:
+    def write(self, key: bytes, *content: bytes | Path) -> Path:
         """Keep a result, in a file that takes its name when it is whole; raises OSError if that can't be.
 
-        content  in parts, one after another
+        content  in parts, one after another: bytes, or files whose bytes are copied
         """
         make_private(self.folder)
         path = self.place(key)
         beside = self.folder / f"{path.stem}.{os.getpid()}.{os.urandom(3).hex()}"
         parts = (len(key).to_bytes(_LENGTH, "little"), key, *content)
         total = sha256()
-        for part in parts:
-            total.update(part)
         try:
             with beside.open("wb") as file:
-                file.writelines((self.mark, total.digest(), *parts))
+                file.write(self.mark + bytes(_CHECKSUM))
+                for block in chain.from_iterable(map(_blocks, parts)):
+                    total.update(block)
+                    file.write(block)
+                file.seek(len(self.mark))
+                file.write(total.digest())
             beside.replace(path)
         except OSError:
             with suppress(OSError):
@@ -103,27 +121,34 @@ class Store:
 
         Raises OSError if it can't be read, or another user than this one and the system's has written it.
         """
-        about, entry = os.stat(path), None
+        with self.opened(path) as entry:
+            return None if entry is None else (entry[0], entry[1].read())
+
+    @contextmanager
+    def opened(self, path: Path) -> Iterator[tuple[bytes, BinaryIO] | None]:
+        """As `read`, with the file at the beginning of its content instead of the content."""
+        about = os.stat(path)
         if not stat.S_ISREG(about.st_mode):
             raise OSError(f"{path} is not a regular file")
         if hasattr(os, "geteuid") and about.st_uid not in (os.geteuid(), 0):
             raise OSError(f"{path} belongs to another user")
-        if about.st_size <= 2 * self.most:
-            with open(path, "rb", buffering=0) as file:
-                entry = self.parsed(file.read())
+        with open(path, "rb") as file:
+            entry = self.parsed(file) if about.st_size <= 2 * self.most else None
+            yield entry
         if entry is None:
             with suppress(OSError):
                 path.replace(path.with_suffix(_DAMAGED))
-        return entry
 
-    def parsed(self, data: bytes) -> tuple[bytes, bytes] | None:
-        """Key and content of the bytes of a file; None if they aren't as they were written."""
-        begin = len(self.mark) + _CHECKSUM
-        checksum, rest = data[len(self.mark) : begin], memoryview(data)[begin:]
-        if not data.startswith(self.mark) or sha256(rest).digest() != checksum:
+    def parsed(self, file: BinaryIO) -> tuple[bytes, BinaryIO] | None:
+        """The key in a file, and the file at the beginning of its content; None if it isn't as it was written."""
+        mark, checksum = file.read(len(self.mark)), file.read(_CHECKSUM)
+        begin, total = file.tell(), sha256()
+        while block := file.read(_BLOCK):
+            total.update(block)
+        if mark != self.mark or total.digest() != checksum:
             return None
-        end = _LENGTH + int.from_bytes(rest[:_LENGTH], "little")
-        return bytes(rest[_LENGTH:end]), bytes(rest[end:])
+        file.seek(begin)
+        return file.read(int.from_bytes(file.read(_LENGTH), "little")), file
 
     def note_use(self, path: Path) -> None:
         """Let a file that was used count as new; once a day is enough."""
