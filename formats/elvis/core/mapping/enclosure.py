@@ -23,6 +23,7 @@ from elvis.core.mapping.tangents import duals
 from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_space, bernstein_values, to_bernstein
 from elvis.core.polynomials.collapse import uncollapse
+from elvis.core.polynomials.row_products import row_products
 from elvis.core.shapes import Shape
 
 _ROUNDS = 200
@@ -105,13 +106,13 @@ def hulls(patch: Patch, row: int, count: int) -> tuple[Floats, Floats]:
 def hull_products(patch: Patch, count: int) -> float:
     """Number of multiplications for the boxes of an element in ``count`` parts in each direction."""
     net_shape = _net_shape(_matrix(patch.geometry)[1])
-    return float(3 * count ** patch.shape.dimension * np.prod(net_shape) * net_shape[0])
+    return float(3 * count**patch.shape.dimension * np.prod(net_shape) * net_shape[0])
 
 
 def _nets(patch: Patch, rows: Ints) -> Floats:
     """(n, 3, ...) tensor Bernstein nets of the maps of elements (n,), direction i along axis -1 - i."""
     matrix, degrees = _matrix(patch.geometry)
-    nets = patch.geometry_coefficients[rows] @ matrix
+    nets = row_products(patch.geometry_coefficients[rows], matrix)
     return nets.reshape(len(rows), 3, *_net_shape(degrees))
 
 

@@ -27,6 +27,7 @@ from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import bernstein_coefficients, bernstein_space
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.expansion import values, values_and_gradients
+from elvis.core.polynomials.row_products import row_products
 from elvis.core.shapes import Shape
 
 #: residual of a root, relative to the element's size; some units in the last place of the coordinates add to it
@@ -219,7 +220,7 @@ class _Elements:
         lattice = _lattice(self.patch.shape)
         modes, best = values(self.patch.geometry, lattice).T, np.empty(len(rows), np.int64)
         for part in chunks(len(rows), max(1, _BATCH // (3 * len(lattice)))):
-            images = self.patch.geometry_coefficients[rows[part]] @ modes
+            images = row_products(self.patch.geometry_coefficients[rows[part]], modes)
             best[part] = ((images - points[part, :, None]) ** 2).sum(axis=1).argmin(axis=1)
         return lattice[best]
 

@@ -13,6 +13,7 @@ from elvis.core.dataset import Expansion
 from elvis.core.mapping.projections import Operator, best, conforming
 from elvis.core.polynomials.expansion import mode_count, mode_indices
 from elvis.core.polynomials.interpolation import modified
+from elvis.core.polynomials.row_products import row_products
 from elvis.core.terminal import track
 from elvis.plugins.conversion import SourceField
 from elvis.plugins.projection.blocks import NativeBlock
@@ -108,7 +109,8 @@ def mapped(
     for number, block in enumerate(blocks):
         which = position_operator(block, in_own_space)
         for rows, points in track(list(sampler.batches(block, which.points)), "mapping"):
-            yield number, rows, sampler.positions(block, rows, points).transpose(0, 2, 1) @ which.matrix
+            samples = sampler.positions(block, rows, points).transpose(0, 2, 1)
+            yield number, rows, row_products(samples, which.matrix)
 
 
 def position_operator(block: NativeBlock, in_own_space: bool) -> Operator:

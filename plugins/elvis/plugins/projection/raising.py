@@ -15,6 +15,7 @@ import numpy as np
 from elvis.core.arrays import Floats
 from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.polynomials.expansion import mode_count
+from elvis.core.polynomials.row_products import row_products
 from elvis.core.relative import error_limit
 from elvis.plugins.conversion import Elements, SourceField
 from elvis.plugins.projection.adaptivity import errors_of
@@ -152,7 +153,8 @@ def _map_errors(sampler: Sampler, block: NativeBlock) -> Floats:
     expansion = block.expansion(block.source.order + 1)
     coefficients = np.empty((len(block), 3, which.matrix.shape[1]))
     for rows, points in sampler.batches(block, which.points):
-        coefficients[rows] = sampler.positions(block, rows, points).transpose(0, 2, 1) @ which.matrix
+        samples = sampler.positions(block, rows, points).transpose(0, 2, 1)
+        coefficients[rows] = row_products(samples, which.matrix)
     errors = np.empty(len(block))
     for rows, points in sampler.batches(block, own):
         ours = evaluate(expansion, coefficients[rows], own).transpose(0, 2, 1)
