@@ -24,8 +24,8 @@ from elvis.core.integrals import (
 from elvis.core.integrals.analytic_error import Bounds
 from elvis.core.integrals.box_discs import RHOS, BoxDiscs, _factors
 from elvis.core.integrals.curves import Curve
+from elvis.core.integrals.cut_expansions import Expansion
 from elvis.core.integrals.eta_boxes import EtaBoxes
-from elvis.core.integrals.expansions import Expansion
 from elvis.core.integrals.graph_discs import root_radii
 from elvis.core.integrals.groups import Sums
 from elvis.core.integrals.quadrics import quadric

@@ -7,7 +7,7 @@ import pytest
 
 from elvis.core.dataset import Dataset
 from elvis.core.integrals import graph_discs, integrate, level_error
-from elvis.core.integrals.expansions import Expansion
+from elvis.core.integrals.cut_expansions import Expansion
 from elvis.core.integrals.graph_discs import RHOS, PartDiscs, graph_parts
 from elvis.core.integrals.kinks import branches
 from elvis.core.integrals.level_boxes import LevelBoxes

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.integrals.expansions import Expansion
+from elvis.core.integrals.cut_expansions import Expansion
 from elvis.core.integrals.graphs import between, roots
 from elvis.core.integrals.taylor import taylor
 from elvis.core.polynomials.bernstein import line_tables

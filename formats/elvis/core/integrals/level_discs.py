@@ -22,9 +22,9 @@ import numpy as np
 
 from elvis.core.arrays import Floats, Ints
 from elvis.core.integrals.box_discs import without_roots
+from elvis.core.integrals.cut_expansions import Expansion
 from elvis.core.integrals.degrees import DegreeRules
 from elvis.core.integrals.disc_algebra import cofactors, determinant, solution
-from elvis.core.integrals.expansions import Expansion
 from elvis.core.integrals.graph_discs import PartDiscs
 from elvis.core.integrals.graph_orders import greatest, turned
 from elvis.core.integrals.subcells import subcell_map
