@@ -156,8 +156,7 @@ class PartDiscs:
         has_root = parts.has_root[:, None]
         centres = np.stack([middle, parts.ends.mean(axis=1), np.where(parts.has_root, parts.root, 0.5)], axis=1)
         with np.errstate(all="ignore"):
-            own = taylor(nets, centres, np.ones_like(centres))
-            level, bends = _straight(own, parts.has_root, (_known(first), _known(second)))
+            level, bends = _straight(nets, centres, parts.has_root, (_known(first), _known(second)))
             rest = root_radii(level, _known(first), _known(second))
         is_proved = np.isfinite(width) & (np.isfinite(rest) | ~has_root)
         rest = np.where(has_root, rest, 0.0)
@@ -209,18 +208,18 @@ def _end_radii(nets: Floats, parts: GraphParts, column: int, middle: Floats, fir
         places = np.stack([np.zeros(len(here)), middle[here], parts.ends[here, column]], axis=1)
         nothing = np.zeros_like(first[here])
         with np.errstate(all="ignore"):
-            expansion = taylor(own, places, np.ones((len(here), 3)))
-            face_level, bends = _straight(expansion, np.ones(len(here), bool), (nothing, first[here]))
+            face_level, bends = _straight(own, places, np.ones(len(here), bool), (nothing, first[here]))
             rest = root_radii(face_level, nothing, first[here])
         found[here] = _height(bends, nothing, first[here]) + rest
     return found
 
 
-def _straight(coefficients: Floats, has_root: Bools, radii: tuple[Floats, Floats]) -> tuple[Expansion, Floats]:
-    """The expansion of h in t, and the coefficients of P (n, 5), which is 0 without a surface.
+def _straight(nets: Floats, centres: Floats, has_root: Bools, radii: tuple[Floats, Floats]) -> tuple[Expansion, Floats]:
+    """The expansion of h in t about centres (n, 3), and the coefficients of P (n, 5), which is 0 without a surface.
 
     radii  (n, columns) of the discs of a and b
     """
+    coefficients = taylor(nets, centres, np.ones_like(centres))
     bends = _bends(coefficients)
     bends = np.where(has_root[:, None] & np.isfinite(bends), bends, 0.0)
     level = Expansion.curved(coefficients, bends, radii)
