@@ -114,7 +114,7 @@ def test_a_dataset_has_the_names_that_users_try():
 
     ds = read("cylinder.xml", "cylinder.fld")
     assert ds.bounds == pytest.approx(np.array([[-5, -5], [5, 5]]), abs=1e-3)
-    assert (ds.n_elements, ds.order, ds.boundaries) == (288, 8, ("boundary",))
+    assert (ds.n_elements, ds.order, ds.boundaries) == (288, 8, ("cylinder", "far"))
     assert ds.times.tolist() == [ds.time]
     assert {"u", "speed", "vorticity"} <= set(ds._ipython_key_completions_())
     assert "lambda2" not in read("blocks.xml", "blocks.fld")._ipython_key_completions_()

@@ -158,6 +158,10 @@ def test_linear_elements_are_shown_next_to_the_exact_picture(page, viewer, scene
     """To the right of the divider is the picture of `elvis compare`; it goes while something moves."""
     page.get_by_label("linear elements").select_option(index=2)
     page.wait_for_selector(".elvis-divider:not([hidden])")
+    # the page may become narrower by a scroll bar since its first picture
+    settled(page, viewer)
+    width = viewer.session.current.size[0]
+    page.wait_for_function(f"document.querySelector('.elvis-linear').width == {width}")
     shown = page.evaluate("document.querySelector('.elvis-linear').toDataURL('image/png').split(',')[1]")
     with Image.open(BytesIO(b64decode(shown))) as image:
         pixels = np.asarray(image.convert("RGB"))

@@ -85,6 +85,7 @@ def test_seeds_of_streamlines_are_edited(page, viewer):
     panel = page.get_by_role("region", name="settings")
     assert panel.get_by_label("count", exact=True).input_value() == "7"
     panel.get_by_label("kind of seeds").select_option("line")
+    panel.get_by_label("from 2").wait_for()
     settled(page, viewer)
     panel.get_by_label("count", exact=True).fill("3")
     panel.get_by_label("count", exact=True).press("Enter")

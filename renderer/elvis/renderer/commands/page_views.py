@@ -110,7 +110,7 @@ def page_options(command: Callable[..., None]) -> Callable[..., None]:
     """A command whose parameter ``views`` combines the options for views of a page."""
 
     @click.option("--directions", type=click.IntRange(2, 360), metavar="N", help="Views around the up axis, for .html.")
-    @times_option_for("Views at every step of a series, or at N times from A to B, for .html.")
+    @times_option_for("Views at every step, or at N times, for .html.")
     @wraps(command)
     def parsed(directions: int | None, times: tuple[float, float, int] | str | None, **rest: Any) -> None:
         command(views=PageViews(directions or 1, times), **rest)
