@@ -89,8 +89,10 @@ def test_seeds_of_streamlines_are_edited(page, viewer):
     settled(page, viewer)
     panel.get_by_label("count", exact=True).fill("3")
     panel.get_by_label("count", exact=True).press("Enter")
+    settled(page, viewer)
     panel.get_by_label("from 2").fill("0.25")
     panel.get_by_label("from 2").press("Enter")
+    settled(page, viewer)
     panel.get_by_label("direction", exact=True).first.select_option("both")
     settled(page, viewer)
     found = scene_of(viewer.session.table).objects[0]
