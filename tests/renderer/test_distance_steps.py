@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from kernel_functions import parted, width_of
+from kernel_functions import parted, rows_of, width_of
 
 COUNT = 96
 FOUND = {
@@ -59,7 +59,7 @@ class Searches:
     def rows(self):
         alone = [self.equal, self.level, self.ahead, self.step, self.distance, self.side, self.signs]
         columns = [self.point, self.direction, *alone, self.gap, self.bend, self.spread, self.nearest]
-        return np.concatenate([np.reshape(column, (COUNT, -1)) for column in columns], axis=1)
+        return rows_of(COUNT, columns)
 
     def buffers(self):
         first = np.arange(COUNT) * self.patches.shape[1]

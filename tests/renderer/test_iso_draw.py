@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from kernel_functions import parted, width_of
+from kernel_functions import parted, rows_of, width_of
 
 COUNT, UNIT = 64, 1.2e-16
 POWERS = np.array([[k % 3, k // 3 % 3, k // 9] for k in range(27)])
@@ -77,7 +77,7 @@ class Rays:
             *[self.distance, np.stack(own, axis=1), self.step, self.end, self.sign, self.before, self.slope_before],
             *[self.last, self.start, self.direction, self.deviation, self.span, self.place, self.root, self.root_error],
         ]
-        return np.concatenate([np.reshape(column, (COUNT, -1)) for column in columns], axis=1)
+        return rows_of(COUNT, columns)
 
 
 @pytest.fixture(scope="module")

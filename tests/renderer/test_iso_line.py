@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from kernel_functions import parted, width_of
+from kernel_functions import parted, rows_of, width_of
 
 COUNT, UNIT = 64, 1.2e-16
 POWERS = np.array([[k % 3, k // 3 % 3, k // 9] for k in range(27)])
@@ -55,7 +55,7 @@ class Rays:
     def rows(self):
         alone = [self.perspective, self.level, self.misplaced, self.span, self.wider, self.error, self.depth]
         columns = [self.camera, *alone, self.off, self.before, self.slope, self.wrong]
-        return np.concatenate([np.reshape(column, (COUNT, -1)) for column in columns], axis=1)
+        return rows_of(COUNT, columns)
 
     def jets(self, function, r):
         """Values and derivatives (n, 4) of a function at points (n, 3)."""

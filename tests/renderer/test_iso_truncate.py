@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from kernel_functions import parted, width_of
+from kernel_functions import parted, rows_of, width_of
 from numpy.polynomial import chebyshev
 from sub_elements import COUNT, LEBESGUE, ORDER, SUMMED, UNIT, SubElements, outside_of, terms_at
 
@@ -51,7 +51,7 @@ class Models(SubElements):
                 self.series,
             ],
         ]
-        return np.concatenate([np.reshape(column, (COUNT, -1)) for column in columns], axis=1)
+        return rows_of(COUNT, columns)
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from kernel_functions import parted, width_of
+from kernel_functions import parted, rows_of, width_of
 
 COUNT, STEPS = 128, 12
 WALK = dict.fromkeys(
@@ -33,7 +33,7 @@ class Walks:
     def rows(self):
         columns = [self.apart, self.slope, self.room, self.held, self.noise, self.way, self.span]
         columns += [self.value, self.rate, self.wave]
-        return np.concatenate([np.reshape(column, (COUNT, -1)) for column in columns], axis=1)
+        return rows_of(COUNT, columns)
 
     def at(self, z):
         sine = np.sin((3 * z).astype(np.float32)).astype(float)

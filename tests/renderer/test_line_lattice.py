@@ -4,7 +4,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from kernel_functions import parted, width_of
+from kernel_functions import parted, rows_of, width_of
 
 COUNT, MANY = 96, 8
 CORNERS = np.array([[x, y] for y in range(MANY + 1) for x in range(MANY + 1)])
@@ -81,7 +81,7 @@ class Squares:
     def rows(self):
         one = np.tile([0.3, 0.3, 0.0, 1.0, 0.2, 0.0, 0.1, 1.0, 0.0], (COUNT, 1))
         columns = [self.level, self.noise, self.first, self.second, self.triangle, one, self.nodes]
-        return np.concatenate([np.reshape(column, (COUNT, -1)) for column in columns], axis=1)
+        return rows_of(COUNT, columns)
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 # the kernel "ribbon" has functions of "tube", and its check calls those of "frustum"
 import numpy as np
 import pytest
-from kernel_functions import parted, width_of
+from kernel_functions import parted, rows_of, width_of
 
 COUNT = 400
 ASIDE, SINGLE, LEVEL = 0, 1, 2
@@ -51,7 +51,7 @@ class Solids:
             *[self.half, self.turn, self.slack, self.width, self.way, self.growth, self.at, self.speed, self.curved],
             *[self.radius, self.side, self.swing, self.origin, self.along, self.room],
         ]
-        return np.concatenate([np.reshape(column, (COUNT, -1)) for column in columns], axis=1)
+        return rows_of(COUNT, columns)
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from kernel_functions import parted, width_of
+from kernel_functions import parted, rows_of, width_of
 
 COUNT, STAGES, RESULT, DEGREE = 48, 16, 12, 7
 FOUND = {
@@ -73,7 +73,7 @@ class Lines:
             *[self.slope, self.velocity, self.nets, self.place, self.last, self.at, self.checked, self.side],
             *[self.apart, self.on_side],
         ]
-        return np.concatenate([np.reshape(column, (COUNT, -1)) for column in columns], axis=1)
+        return rows_of(COUNT, columns)
 
     def world(self, change):
         """Squares (n,) of changes of reference coordinates, in the world, and of the length."""

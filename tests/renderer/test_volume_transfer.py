@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from kernel_functions import parted, width_of
+from kernel_functions import parted, rows_of, width_of
 from numpy.polynomial import Polynomial
 
 COUNT, DEGREE = 240, 3
@@ -55,7 +55,7 @@ class Lines:
         own = [self.a, self.b, self.radius, self.accuracy, self.known]
         medium = [np.arange(COUNT) * BREAKPOINTS, np.full(COUNT, BREAKPOINTS), self.gate, self.steepest, self.densest]
         columns = [self.nets, *own, *medium, self.low, self.high, self.off]
-        return np.concatenate([np.reshape(column, (COUNT, -1)) for column in columns], axis=1)
+        return rows_of(COUNT, columns)
 
     def density(self, k, values):
         return np.interp(values, self.values[k], self.densities[k])

@@ -71,6 +71,11 @@ class KernelFunctions:
         return self._device.read(buffers[result], np.float64)[:size].copy()
 
 
+def rows_of(count, columns):
+    """Rows (count, k) of numbers from arrays (count, ...) of them."""
+    return np.concatenate([np.reshape(column, (count, -1)) for column in columns], axis=1)
+
+
 def parted(found, groups):
     """Columns of results by name, a dictionary for each group."""
     first = 0
