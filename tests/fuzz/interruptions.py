@@ -126,6 +126,13 @@ class Tally:
     counts: Counter[tuple[str, str]] = field(default_factory=Counter)
     faults: list[str] = field(default_factory=list)
 
+    def report(self) -> int:
+        """Print counts and faults; returns the exit status."""
+        for (kind, ending), count in sorted(self.counts.items()):
+            print(f"{kind:12} {count:4}  {ending}")
+        print(f"{len(self.faults)} faults", *self.faults, sep="\n  ")
+        return 1 if self.faults else 0
+
 
 def contents(folder: Path) -> dict[str, bytes]:
     """All files below a folder by name."""
@@ -364,11 +371,7 @@ def main() -> int:
     parser.add_argument("counts", nargs="*", metavar="KIND=COUNT", help=", ".join(COUNTS))
     given = parser.parse_args()
     counts = {kind: int(count) for kind, count in (each.split("=") for each in given.counts)} or COUNTS
-    tally = run(counts, given.seed, given.commands.split(","))
-    for (kind, ending), count in sorted(tally.counts.items()):
-        print(f"{kind:12} {count:4}  {ending}")
-    print(f"{len(tally.faults)} faults", *tally.faults, sep="\n  ")
-    return 1 if tally.faults else 0
+    return run(counts, given.seed, given.commands.split(",")).report()
 
 
 if __name__ == "__main__":

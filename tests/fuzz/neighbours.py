@@ -20,13 +20,12 @@ import subprocess
 import sys
 import time
 import urllib.request
-from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from interruptions import ELVIS, limit_disk, place_for
+from interruptions import ELVIS, Tally, limit_disk, place_for
 from PIL import Image
 
 from elvis import Dataset, Shape, write
@@ -39,14 +38,6 @@ PATIENCE = 60.0
 NOBODY = 65534
 PLANE = ("--plane", "z=0.4", "--size", "24x18", "--device", "reference")
 RANGE = ("--range", "0:9")
-
-
-@dataclass
-class Tally:
-    """Counts of runs by kind and ending, and sentences about what should not have happened."""
-
-    counts: Counter[tuple[str, str]] = field(default_factory=Counter)
-    faults: list[str] = field(default_factory=list)
 
 
 def begin(folder: Path, *words: str, **settings: str) -> subprocess.Popen[str]:
@@ -197,10 +188,7 @@ def main() -> int:
         for _ in range(count):
             with place_for("disks" if kind == "viewed" else kind) as folder:
                 tally.counts[kind, KINDS[kind](folder, dice, tally)] += 1
-    for (kind, end), count in sorted(tally.counts.items()):
-        print(f"{kind:10} {count:4}  {end}")
-    print(f"{len(tally.faults)} faults", *tally.faults, sep="\n  ")
-    return 1 if tally.faults else 0
+    return tally.report()
 
 
 if __name__ == "__main__":
