@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from elvis.core.errors import ElvisError
-from elvis.core.quantities.tree import AXES, ZERO, Direction, Node, call, number
+from elvis.core.quantities.tree import AXES, ZERO, Direction, Node, call, dot, number
 
 #: components of the velocity in the directions 0, 1 and 2, and components of the directions
 VELOCITIES = ("u_bfc", "v_bfc", "w_bfc")
@@ -33,14 +33,14 @@ def body_fitted(name: str, target: str, assist: Sequence[float], dimension: int,
     direction = _directions(target, assist, dimension)[which]
     if name in DIRECTIONS:
         return direction[axis]
-    return _dot(direction[:dimension], velocity)
+    return dot(direction[:dimension], velocity)
 
 
 def _directions(target: str, assist: Sequence[float], dimension: int) -> list[list[Node]]:
     """The three directions, each with three components."""
     normal = [Direction(target, axis, is_away=True).attribute if axis < dimension else ZERO for axis in range(3)]
     across = _cross(normal, list(map(number, assist)))
-    length = call("sqrt", _dot(across, across))
+    length = call("sqrt", dot(across, across))
     tangent = [call("/", part, length) if part is not ZERO else ZERO for part in across]
     return [tangent, normal, _cross(tangent, normal)]
 
@@ -48,11 +48,3 @@ def _directions(target: str, assist: Sequence[float], dimension: int) -> list[li
 def _cross(a: Sequence[Node], b: Sequence[Node]) -> list[Node]:
     """The cross product of two vectors."""
     return [call("-", call("*", a[i], b[j]), call("*", a[j], b[i])) for i, j in ((1, 2), (2, 0), (0, 1))]
-
-
-def _dot(a: Sequence[Node], b: Sequence[Node]) -> Node:
-    """The scalar product of two vectors."""
-    total = ZERO
-    for one, other in zip(a, b, strict=True):
-        total = call("+", total, call("*", one, other))
-    return total

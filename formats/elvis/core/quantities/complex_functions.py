@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import reduce
+from collections.abc import Callable, Mapping
 
 from elvis.core.complex_fields import Pairs, components_of, cosine_and_sine
 from elvis.core.errors import ElvisError
-from elvis.core.quantities.tree import ZERO, Node, call, field, number
+from elvis.core.quantities.tree import Node, call, dot, field, number
 
 #: a whole turn in degrees
 _TURN = 360.0
@@ -58,7 +57,7 @@ def amplitude(name: str, pairs: Pairs) -> Node:
     names = _components(name, pairs)
     parts = [_parts(each, pairs) for each in names]
     reals, imaginaries = [real for real, _ in parts], [imaginary for _, imaginary in parts]
-    a, b, c = _dot(reals, reals), _dot(imaginaries, imaginaries), _dot(reals, imaginaries)
+    a, b, c = dot(reals, reals), dot(imaginaries, imaginaries), dot(reals, imaginaries)
     half, apart = number(0.5), call("-", a, b)
     mean = call("*", half, call("+", a, b))
     swing = call("sqrt", call("+", _square(call("*", half, apart)), _square(c)))
@@ -95,8 +94,3 @@ def _parts(name: str, pairs: Pairs) -> tuple[Node, Node]:
 
 def _square(a: Node) -> Node:
     return call("*", a, a)
-
-
-def _dot(some: Sequence[Node], others: Sequence[Node]) -> Node:
-    products = [call("*", one, other) for one, other in zip(some, others, strict=True)]
-    return reduce(lambda total, term: call("+", total, term), products, ZERO)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from elvis.core.quantities.tree import ONE, ZERO, Node, call, field, world_derivative
+from elvis.core.quantities.tree import ONE, ZERO, Node, call, dot, field, world_derivative
 
 
 def derivative_before(root: Node, axis: int, coordinates: Sequence[str], is_height: bool = False) -> Node:
@@ -44,18 +44,11 @@ def _derivative_in_plane(root: Node, axis: int, coordinates: Sequence[str]) -> N
         return ZERO
     gradients = [[field(name, (k,)) for k in range(3)] for name in coordinates]
     slopes = [world_derivative(root, k) for k in range(3)]
-    metric = [[_dot(one, other) for other in gradients] for one in gradients]
-    along = [_dot(own, slopes) for own in gradients]
+    metric = [[dot(one, other) for other in gradients] for one in gradients]
+    along = [dot(own, slopes) for own in gradients]
     other = 1 - axis
     top = call("-", call("*", metric[other][other], along[axis]), call("*", metric[axis][other], along[other]))
     return top if top is ZERO else call("/", top, _determinant(metric))
-
-
-def _dot(one: Sequence[Node], other: Sequence[Node]) -> Node:
-    total = ZERO
-    for a, b in zip(one, other, strict=True):
-        total = call("+", total, call("*", a, b))
-    return total
 
 
 def _cofactor(matrix: Sequence[Sequence[Node]], row: int, column: int) -> Node:

@@ -243,6 +243,14 @@ def fold(root: Node, leaf: Callable[[Node], T], inner: Callable[[Node, list[T]],
     return fold_all((root,), leaf, inner)[0]
 
 
+def dot(one: Sequence[Node], other: Sequence[Node]) -> Node:
+    """The scalar product of two vectors of expressions."""
+    total = ZERO
+    for a, b in zip(one, other, strict=True):
+        total = call("+", total, call("*", a, b))
+    return total
+
+
 def fold_all(roots: Sequence[Node], leaf: Callable[[Node], T], inner: Callable[[Node, list[T]], T]) -> list[T]:
     """Results of `fold` for several expressions; those of common parts are computed once."""
     found: dict[Node, T] = {}
