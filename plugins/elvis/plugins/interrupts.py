@@ -41,8 +41,9 @@ class Interrupts:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         if self._before is None:
             return
-        signal.setitimer(signal.ITIMER_REAL, 0)
+        # first, as an interrupt while the timer is stopped would be a traceback
         signal.signal(signal.SIGINT, signal.SIG_IGN if self._is_process else self._before)
+        signal.setitimer(signal.ITIMER_REAL, 0)
         if not (self._is_process and self.asked):
             sys.unraisablehook = self._hook
 
