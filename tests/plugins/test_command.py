@@ -185,10 +185,11 @@ def interrupted(miniature):
 
 
 @pytest.mark.parametrize(
-    ("how", "said"), [("import", "done\n"), ("destructor", "done\n"), ("translated", ""), ("constructor", "")]
+    ("how", "said"),
+    [("import", "done\n"), ("process", "done\n"), ("destructor", "done\n"), ("translated", ""), ("constructor", "")],
 )
 def test_an_interrupt_gives_one_line_at_every_point(interrupted, how, said):
-    """While a module is loaded, it waits for that; where Python can't take it, it comes again.
+    """While a module is loaded or a process started, it waits for that; where Python can't take it, it comes again.
 
     What it leaves half made says nothing when it is destroyed.
     """

@@ -13,9 +13,10 @@ _LATER = 0.02
 
 
 class Interrupts:
-    """While the block runs, Ctrl-C is a KeyboardInterrupt outside of imports, and waits for the end of those.
+    """While the block runs, Ctrl-C is a KeyboardInterrupt, but waits for the end of imports and of starts of processes.
 
-    Libraries that are interrupted while they are loaded turn that into errors of their own, or crash.
+    Libraries that are interrupted while they are loaded turn that into errors of their own, or crash, and a process
+    whose start is interrupted prints that it was told nothing.
 
     asked  whether somebody has pressed Ctrl-C
     """
@@ -50,7 +51,7 @@ class Interrupts:
     def _take(self, number: int, frame: FrameType | None) -> None:
         """Raise KeyboardInterrupt now, or see again soon."""
         self.asked = True
-        if _is_importing(frame):
+        if _is_fragile(frame):
             self._try_later()
             return
         raise KeyboardInterrupt
@@ -70,10 +71,13 @@ class Interrupts:
             self._hook(lost)
 
 
-def _is_importing(frame: FrameType | None) -> bool:
-    """Whether a module is being imported, in a call from the command."""
-    while frame is not None and frame.f_globals.get("__name__") != "elvis.plugins.command":
-        if frame.f_code.co_filename.startswith("<frozen importlib"):
+def _is_fragile(frame: FrameType | None) -> bool:
+    """Whether a module is being imported or a process started, in a call from the command."""
+    while frame is not None:
+        name = frame.f_globals.get("__name__", "")
+        if name == "elvis.plugins.command":
+            return False
+        if name.startswith("multiprocessing.popen") or frame.f_code.co_filename.startswith("<frozen importlib"):
             return True
         frame = frame.f_back
     return False

@@ -73,6 +73,8 @@ def wait(how):
         HalfMade()
     elif how == "destructor":
         Slow()
+    elif how == "process":
+        _start_slowly()
     elif how == "translated":
         try:
             click.echo("waiting")
@@ -81,3 +83,22 @@ def wait(how):
             raise RuntimeError("the library has an error of its own") from None
     click.echo("done")
     time.sleep(60)
+
+
+def _start_slowly():
+    """Start a process that is told only after a while what it is to do."""
+    import multiprocessing.resource_tracker
+    import multiprocessing.util
+    import time
+
+    multiprocessing.resource_tracker.ensure_running()
+    begin = multiprocessing.util.spawnv_passfds
+
+    def begin_slowly(*arguments):
+        number = begin(*arguments)
+        click.echo("waiting")
+        time.sleep(0.5)
+        return number
+
+    multiprocessing.util.spawnv_passfds = begin_slowly
+    multiprocessing.get_context("spawn").Process(target=str, daemon=True).start()
