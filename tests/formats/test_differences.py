@@ -36,6 +36,11 @@ def test_one_function_on_two_meshes_has_no_difference(first, second):
     assert found.covered == pytest.approx(1, abs=1e-12)
 
 
+def test_a_share_of_a_zero_field_is_not_written_as_a_number():
+    zero = with_p(grid(Shape.TETRAHEDRON, 1), lambda points: 0 * points[:, 0])
+    assert diff(zero, zero, error=0.1).cells()[0][-2] == "-"
+
+
 def turned(mesh):
     """The mesh in another place and direction, in which most of it meets the unit cube."""
     cosine, sine = np.cos(0.4), np.sin(0.4)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis import Plane, Scene
+from elvis import Plane, Scene, Transfer, VolumeRendering
 from elvis.core.errors import ElvisError
 from elvis.reference.picture import render
 from elvis.reference.record import Record
@@ -129,6 +129,15 @@ def test_a_limit_skips_what_does_not_fit(blocks):
         conclusion(nothing) == f"No linear picture fits into memory: 2 refinements would need {needed / 1000:.0f} kB."
     )
     assert memory_limit() > 1 << 20
+
+
+def test_linear_pictures_of_a_volume_are_compared_by_colour(blocks):
+    volume = VolumeRendering(Transfer((-0.5, 0.5), (0.0, 4.0)))
+    scene = Scene("wave", camera="iso", size=(20, 16), objects=(volume,))
+    found = compare_scene(blocks, scene, (0, 2), 1 << 30, draw=draw, validation_size=0)
+    coarse, fine = (rival.errors.colors_off for rival in found.rivals if rival.level is not None)
+    assert 0 < fine < coarse
+    assert "of the pixels have colours off by more than" in conclusion(found)
 
 
 def test_linear_data_are_exact_without_refinement(tmp_path):

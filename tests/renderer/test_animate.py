@@ -27,6 +27,7 @@ from elvis.renderer.animation import Film, orbited
 from elvis.renderer.motions import Key
 from elvis.renderer.rendering import Pictures
 from elvis.scene.errors import AbsentError, SceneError
+from elvis.scene.view import fit_camera, named_camera
 
 SIZE = ("--size", "8x6", "--plain")
 FAST = (*SIZE, "--device", "reference")
@@ -398,50 +399,9 @@ def test_orbits_rotate_the_eye_about_the_up_direction():
     assert orbited(camera, 40).at == camera.at
 
 
-def test_mp4_has_all_frames(files, tmp_path, drawn):
-    av = pytest.importorskip("av")
-    run("animate", *files[:2], "--key", "zoom=1:3", "--frames", "3", "-o", tmp_path / "film.mp4")
-    with av.open(str(tmp_path / "film.mp4")) as film:
-        images = [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
-    assert [image.shape for image in images] == [(8, 12, 3)] * 3
-    for number, image in enumerate(images):
-        assert np.abs(image[1:6, 1:8] - 40.0 * (number + 1)).max() < 8
-
-
-def test_invalid_animations_fail_before_drawing(files, tmp_path, monkeypatch):
-    with pytest.raises(ElvisError, match="expected something that moves: a series, --key, --path, --orbit"):
-        run("animate", *files[:2], *FAST, "-o", tmp_path / "none.webp")
-    with pytest.raises(ElvisError, match=r"expected animations, .*, and one folder for frames, found .*x\.avi"):
-        run("animate", *files, *FAST, "-o", tmp_path / "x.avi")
-    (tmp_path / "taken").write_text("")
-    with pytest.raises(ElvisError, match="taken: cannot be written: it is a file, and a folder is to be written"):
-        run("animate", *files, *FAST, "-o", tmp_path / "taken")
-    with pytest.raises(ElvisError, match="nowhere/frames: cannot be written: there is no folder"):
-        run("animate", *files, *FAST, "-o", tmp_path / "nowhere" / "frames")
-    with pytest.raises(ElvisError, match="expected a time from 0 to 3, found 4"):
-        run("animate", *files, *FAST, "--times", "0:4:2", "-o", tmp_path / "late")
-    with pytest.raises(ElvisError, match="--times: expected several steps of a series, found one state"):
-        run("animate", *files[:2], *FAST, "--orbit", "90", "--times", "0:1:2", "-o", tmp_path / "still")
-    with pytest.raises(SceneError, match="range: expected several steps of a series, found one state"):
-        render(*files[:2], range="series")
-    monkeypatch.setitem(__import__("sys").modules, "av", None)
-    with pytest.raises(ElvisError, match=r"MP4 needs av, which is not installed; pip install 'elvis-viz\[video\]'"):
-        run("animate", *files, *FAST, "-o", tmp_path / "none.mp4")
-    monkeypatch.setitem(__import__("sys").modules, "distributed", None)
-    with pytest.raises(ElvisError, match=r"--workers needs distributed, .* 'elvis-viz\[parallel\]'"):
-        run("animate", *files, *FAST, "--workers", "2", "-o", tmp_path / "none")
-    assert not (tmp_path / "none-frames").exists()
-    assert not (tmp_path / "none").exists()
-
-
-def test_gif_has_all_frames(files, tmp_path, drawn):
-    run("animate", *files[:2], "--key", "zoom=1:3", "--frames", "3", "--rate", "3", "-o", tmp_path / "film.gif")
-    with Image.open(tmp_path / "film.gif") as film:
-        assert film.n_frames == 3
-        durations = []
-        for number in range(3):
-            film.seek(number)
-            durations.append(film.info["duration"])
-            assert np.abs(np.asarray(film.convert("RGB"))[1:6, 1:8] - 40.0 * (number + 1)).max() < 8
-    # a third of a second, in hundredths
-    assert durations == [330, 340, 330]
+@pytest.mark.parametrize(("view", "level"), [("iso", -(3**-0.5)), ("left", 0.0)])
+def test_orbits_of_fitted_views_stay_level(view, level):
+    box = np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
+    camera = fit_camera(named_camera(view, None), (40, 30), box[:, :2], box)
+    seen = [orbited(camera, angle).basis()[2][2] for angle in (0, 50, 180)]
+    assert np.allclose(seen, level, rtol=0, atol=1e-12)

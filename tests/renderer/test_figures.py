@@ -19,7 +19,7 @@ from elvis.scene.commandline import parameters
 from elvis.scene.commandline.composing import in_one_range
 from elvis.scene.figure import save_figure
 from elvis.scene.palette import NOT_A_NUMBER, Palette
-from elvis.scene.picture import page
+from elvis.scene.picture import AXES, page
 from elvis.scene.rulers import aligned, box_edges, scale_bar, sides
 from elvis.scene.saving import save_panels
 from elvis.scene.strokes import SAME, STRAIGHT, borders, chain, simplify
@@ -42,6 +42,23 @@ def plane(linear):
 @pytest.fixture(scope="module")
 def traced(draw, plane):
     return draw(plane, size=(90, 80), objects=(Faces(style=BOTH),), outputs=("a.svg",), axes=True)
+
+
+def test_arrows_of_figures_are_those_of_pictures(draw, linear):
+    """In the same corner, which is not the lower left one if this shows data, and of about the same size."""
+    camera = Camera((3.0, -2.0, 2.0), (0.9, 0.9, 0.8), height=1.6)
+    frame = draw(linear(grid(Shape.HEXAHEDRON, 1)), size=(300, 240), camera=camera)
+    content = BytesIO()
+    layout = save_figure([frame], content, ".png")
+    shown = (page(frame).layout.corner, page(frame).rows(0, page(frame).height)), (layout.corner, Image.open(content))
+    places = []
+    for corner, image in shown:
+        away = np.abs(np.asarray(image)[:, :, :3].astype(int) - AXES[0]).max(axis=2)
+        places.append(np.argwhere(away < 60)[:, ::-1] - corner)
+    assert 0.5 < len(places[1]) / len(places[0]) < 2
+    middles = [place.mean(axis=0) for place in places]
+    assert np.abs(middles[1] - middles[0]).max() < 4
+    assert middles[0][0] > 150
 
 
 def ground(frame, line):

@@ -304,8 +304,10 @@ class Rivals:
 
 
 def _is_empty(record: Record) -> bool:
-    """Whether a picture shows nothing, so that there is nothing to score."""
-    return bool((record.status == Status.MISS).all())
+    """Whether a picture shows nothing, so that there is nothing to score; volumes have colours but no hits."""
+    is_hit = bool((record.status != Status.MISS).any())
+    has_colors = bool(np.ptp(record.color, axis=(0, 1)).any())
+    return not is_hit and not has_colors
 
 
 def exact_surfaces(scene: Scene, quantities: Quantities, limit: int) -> dict[str, tuple[Isosurface, LinearMesh]]:

@@ -12,7 +12,7 @@ from elvis.core.terminal import visible
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Arrow, Frame, Legend
 from elvis.scene.palette import Palette, linear_part
-from elvis.scene.picture import AXES, labels, mark_texts, sentences, ticks, typed_values, value_labels
+from elvis.scene.picture import AXES, emptiest_corner, labels, mark_texts, sentences, ticks, typed_values, value_labels
 from elvis.scene.rulers import Ruler, aligned, box_edges, box_rulers, scale_bar, sides
 
 if TYPE_CHECKING:
@@ -148,20 +148,34 @@ class Panel:
         self._text(x + 0.5, self.height - 0.5 - y, ruler.name, style="italic", **align)
 
     def _draw_arrows(self) -> None:
-        """Arrows along x, y and z below the picture's left corner; those pointing away from the viewer are first."""
+        """Arrows along x, y and z in the corner where least is seen; those pointing away from the viewer are first."""
+        side = 7 * self.unit
+        column, row, is_free = emptiest_corner(self.frame, side)
+        middle = np.array([column + side / 2, self.height - row - side / 2])
+        size = np.array([self.width, self.height])
+        if not is_free:
+            self._draw_disc(middle, side / 2)
         right, up, forward = self.frame.view.camera.basis()
-        middle = np.array([2.2 * self.unit, 2.2 * self.unit])
         for axis in np.argsort(-forward):
-            along = 1.9 * self.unit * np.array([right[axis], up[axis]])
+            along = 2.4 * self.unit * np.array([right[axis], up[axis]])
             if np.linalg.norm(along) < 0.3 * self.unit:
                 continue
-            color, ends = tuple(part / 255 for part in AXES[axis]), (middle, middle + along)
-            shown = [tuple(end / [self.width, self.height]) for end in ends]
-            how = {"arrowstyle": "-|>", "color": color, "lw": 1.5 * self.page.thin, "shrinkA": 0, "shrinkB": 0}
+            color = tuple(part / 255 for part in AXES[axis])
+            # sizes of the head are multiples of the unit, whatever the size of texts
+            how = {"arrowstyle": "-|>,head_length=0.7,head_width=0.24", "shrinkA": 0, "shrinkB": 0}
+            how |= {"mutation_scale": self.page.to_points(self.unit), "color": color, "lw": 1.5 * self.page.thin}
             places = {"xycoords": "axes fraction", "textcoords": "axes fraction"}
-            self.axes.annotate("", shown[1], shown[0], arrowprops=how, zorder=BOX, **places)
-            x, y = middle + 1.35 * along
+            start, tip = tuple(middle / size), tuple((middle + along) / size)
+            self.axes.annotate("", tip, start, arrowprops=how, zorder=BOX, **places)
+            x, y = middle + 1.32 * along
             self._text(x, y, "xyz"[axis], color=color, ha="center")
+
+    def _draw_disc(self, middle: Floats, radius: float) -> None:
+        """A pale disc, so that arrows stay legible on the data."""
+        from matplotlib.patches import Circle
+
+        place = (middle[0] - 0.5, self.height - 0.5 - middle[1])
+        self.axes.add_patch(Circle(place, radius, color=self.frame.scene.backdrop, alpha=110 / 255, lw=0, zorder=BOX))
 
     def _draw_scale_bar(self) -> None:
         """A length below the right end of the picture."""

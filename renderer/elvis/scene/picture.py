@@ -335,7 +335,7 @@ def _length(text: str, font: Font) -> float:
     return font.getlength(text[:MAX_MEASURED])
 
 
-def _emptiest(frame: Frame, side: int) -> tuple[int, int, bool]:
+def emptiest_corner(frame: Frame, side: int) -> tuple[int, int, bool]:
     """Column and row of a corner's square, with the disc where least is seen, lower left if possible; if nothing is."""
     centers = np.arange(side) + 0.5 - side / 2
     disc = np.hypot(centers, centers[:, None]) < side / 2
@@ -363,7 +363,7 @@ def _axes(frame: Frame, page: Page, unit: int, font: Font) -> None:
     If all corners show data, a pale disc keeps the arrows legible.
     """
     side = 7 * unit
-    column, row, is_free = _emptiest(frame, side)
+    column, row, is_free = emptiest_corner(frame, side)
     x = page.corner[0] + column
     y = page.corner[1] + row
     part = page.part((x - unit, y - unit, x + side + unit, y + side + unit))

@@ -17,6 +17,7 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.isometries import Isometry
 from elvis.scene import NAMED_VIEWS, Camera, Plane, Scene, Vector, unit
 from elvis.scene.errors import SceneError
+from elvis.scene.whole import ALONG_UP
 
 #: numbers (n,) of columns or rows, whole or not
 Pixels: TypeAlias = NDArray[np.int64] | Floats
@@ -315,6 +316,7 @@ def named_camera(name: str, plane: Plane | None) -> Camera:
 def fit_camera(camera: Camera, size: tuple[int, int], extent: Floats, box: Floats, margin: float = MARGIN) -> Camera:
     """An orthographic camera along the same axes that shows all of ``extent``.
 
+    It has the same upward direction, so that turns about this one stay level; one that looks along it has its own.
     size    width and height in pixels
     extent  (2, 2) least and greatest coordinates along the camera's right and up axes
     box     (2, 3) of the domain; the eye is set before it
@@ -327,7 +329,9 @@ def fit_camera(camera: Camera, size: tuple[int, int], extent: Floats, box: Float
     middle = forward @ (0.5 * (box[0] + box[1]))
     at = across * right + along * up + middle * forward
     eye = at - (0.6 * np.linalg.norm(box[1] - box[0]) + height) * forward
-    return Camera(_vector(eye), _vector(at), _vector(up), height=float(height))
+    sine = np.abs(np.cross(forward, camera.up)).max() / np.linalg.norm(camera.up)
+    upward = _vector(up) if sine < ALONG_UP else camera.up
+    return Camera(_vector(eye), _vector(at), upward, height=float(height))
 
 
 def _vector(array: Floats) -> Vector:

@@ -152,7 +152,7 @@ class Differences(Sequence[Difference]):
                 *(f"{value:.6g}" for value in (row.l1, row.l2, row.h1, row.linf)),
                 f"{row.bound:.6g}" if np.isfinite(row.bound) else "-",
                 " ".join(f"{x:.5g}" for x in row.where),
-                f"{row.relative:.3g}",
+                "-" if np.isnan(row.relative) else f"{row.relative:.3g}",
                 f"{row.covered:.6g}",
             )
             for row in self

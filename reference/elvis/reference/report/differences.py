@@ -104,10 +104,8 @@ def _verdict(found: Family) -> str:
     last = found.members[-1]
     worst = max(last, key=lambda row: row.relative if np.isfinite(row.relative) else -1.0)
     how = "by coefficients, exactly" if last.is_same_mesh else "by quadrature on two meshes"
-    return (
-        f"{found.names[-1]} differs most in {worst.field}: by {worst.relative:.3g} of its L2 norm, and by up to "
-        f"{worst.linf:.6g} ({how})."
-    )
+    share = "" if np.isnan(worst.relative) else f"by {worst.relative:.3g} of its L2 norm, and "
+    return f"{found.names[-1]} differs most in {worst.field}: {share}by up to {worst.linf:.6g} ({how})."
 
 
 def _tables(found: Family) -> list[dict[str, Any]]:
