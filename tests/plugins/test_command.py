@@ -165,9 +165,9 @@ def test_a_full_disk_is_reported_once(elvis):
 @pytest.fixture
 def interrupted(miniature):
     """Run ``elvis`` until it says that it waits, press Ctrl-C; status, standard output and standard error."""
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(miniature), *sys.path]), "PYTHONUNBUFFERED": "1"}
 
     def run(*arguments):
+        environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(miniature), *sys.path]), "PYTHONUNBUFFERED": "1"}
         process = subprocess.Popen(
             [*ELVIS, *arguments],
             env=environment,
@@ -196,6 +196,13 @@ def test_an_interrupt_gives_one_line_at_every_point(interrupted, how, said):
     status, out, err = interrupted("wait", how)
     assert (status, err.strip()) == (130, "elvis: error: interrupted")
     assert said.startswith(out)
+
+
+def test_an_interrupt_leaves_no_scratch_folder(interrupted, tmp_path, monkeypatch):
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    status, _, err = interrupted("wait", "folder")
+    assert (status, err.strip()) == (130, "elvis: error: interrupted")
+    assert not list(tmp_path.iterdir())
 
 
 def test_an_ignored_interrupt_remains_ignored():

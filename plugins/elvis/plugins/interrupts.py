@@ -10,13 +10,15 @@ from typing import Any
 INTERRUPTED = 130
 #: seconds after which an interrupt that came at a bad moment is tried again
 _LATER = 0.02
+#: starts of names of modules whose functions are not interrupted
+_FRAGILE = ("multiprocessing.popen", "elvis.core.files.scratch")
 
 
 class Interrupts:
-    """While the block runs, Ctrl-C is a KeyboardInterrupt, but waits for the end of imports and of starts of processes.
+    """While the block runs, Ctrl-C is a KeyboardInterrupt, but waits for the end of what must not be left half done.
 
-    Libraries that are interrupted while they are loaded turn that into errors of their own, or crash, and a process
-    whose start is interrupted prints that it was told nothing.
+    Libraries that are interrupted while they are loaded turn that into errors of their own, or crash, a process whose
+    start is interrupted prints that it was told nothing, and a scratch folder would stay.
 
     asked  whether somebody has pressed Ctrl-C
     """
@@ -72,12 +74,12 @@ class Interrupts:
 
 
 def _is_fragile(frame: FrameType | None) -> bool:
-    """Whether a module is being imported or a process started, in a call from the command."""
+    """Whether something is being done, in a call from the command, that must not be left half done."""
     while frame is not None:
         name = frame.f_globals.get("__name__", "")
         if name == "elvis.plugins.command":
             return False
-        if name.startswith("multiprocessing.popen") or frame.f_code.co_filename.startswith("<frozen importlib"):
+        if name.startswith(_FRAGILE) or frame.f_code.co_filename.startswith("<frozen importlib"):
             return True
         frame = frame.f_back
     return False

@@ -75,6 +75,8 @@ def wait(how):
         Slow()
     elif how == "process":
         _start_slowly()
+    elif how == "folder":
+        _remove_slowly()
     elif how == "translated":
         try:
             click.echo("waiting")
@@ -102,3 +104,25 @@ def _start_slowly():
 
     multiprocessing.util.spawnv_passfds = begin_slowly
     multiprocessing.get_context("spawn").Process(target=str, daemon=True).start()
+
+
+def _remove_slowly():
+    """Make a scratch folder, the removal of which takes its time."""
+    import os
+    import tempfile
+    import time
+    from pathlib import Path
+
+    from elvis.core.files.scratch import scratch
+
+    remove = os.rmdir
+
+    def remove_slowly(*arguments, **options):
+        if str(arguments[0]).endswith(".tmp"):
+            click.echo("waiting")
+            time.sleep(0.5)
+        remove(*arguments, **options)
+
+    os.rmdir = remove_slowly
+    with scratch(Path(tempfile.gettempdir())):
+        pass
