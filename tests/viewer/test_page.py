@@ -399,3 +399,27 @@ def test_a_value_is_copied_with_all_digits(page, viewer, scene):
     assert float(rows["u"]) == pytest.approx(exact, rel=0, abs=1e-11)
     assert told == f"{float(rows['u']):.6g}"
     assert (rows["status"], rows["order"]) == ("certain", "2")
+
+
+def test_a_text_that_is_being_typed_survives_changes_of_others(page, viewer):
+    """With its caret; it applies where the reader ends it, and no sooner."""
+    field = setting(page, "field")
+    field.fill("")
+    page.keyboard.type("u*")
+    viewer.call(viewer.session.change({"palette": "magma"}))
+    settled(page, viewer)
+    assert setting(page, "palette").input_value() == "magma"
+    assert viewer.session.table["field"] == "u"
+    page.keyboard.type("2")
+    page.keyboard.press("Home")
+    viewer.call(viewer.session.change({"palette": "viridis"}))
+    settled(page, viewer)
+    page.keyboard.type("3*")
+    assert field.input_value() == "3*u*2"
+    field.fill("u*2")
+    viewer.call(viewer.session.change({"palette": "magma"}))
+    settled(page, viewer)
+    # a browser reports no change of a text that was put back
+    page.keyboard.press("Tab")
+    settled(page, viewer)
+    assert viewer.session.table["field"] == "u*2"

@@ -41,7 +41,7 @@ def test_fields_without_a_mesh_use_the_first_one():
     found = [each.reading.others for each in sources_with(source, [Path("/tmp/c.fld")])]
     assert found == [("ref=a.vtu", "other=/tmp/c.fld"), ("ref=a.vtu", "other=wing.xml,/tmp/c.fld")]
     with pytest.raises(ElvisError, match="needs data in files"):
-        sources_with(Source(data=object()), [Path("c.fld")])
+        sources_with(Source(("run",), is_live=True), [Path("c.fld")])
 
 
 def test_a_second_dataset_is_compared(page, viewer, finer, tmp_path):

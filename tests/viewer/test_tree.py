@@ -1,9 +1,14 @@
 """The tree of data: contents of the files, parts that are shown, hidden and coloured, and the order of objects."""
 
-import pytest
-from driving import change, settled
+from io import BytesIO
 
-from elvis import read
+import numpy as np
+import pytest
+from driving import change, picture, settled
+from PIL import Image
+
+from elvis import Dataset, Scene, Shape, read, write
+from elvis.core.testing import approximated, grid
 from elvis.scene.tables import scene_of
 from elvis.viewer.contents import contents_of
 
@@ -43,6 +48,25 @@ def test_boundaries_are_shown_hidden_and_coloured(page, viewer, tree):
     change(page, {"objects": None})
     settled(page, viewer)
     assert tree.get_by_role("button", name="hide boundary").is_disabled()
+
+
+def test_boundaries_of_2d_data_are_lines(start, browser, tmp_path):
+    mesh = grid(Shape.QUADRILATERAL, 1)
+    data = Dataset(mesh, (approximated(Dataset(mesh), "u", lambda x: x[:, 0], 2),))
+    viewer = start(Scene("u", data=tuple(map(str, write(data, tmp_path / "square.xml"))), size=(200, 160)))
+    page = browser.new_page()
+    page.goto(viewer.address)
+    settled(page, viewer)
+    page.get_by_label("colour of boundary").fill("#ff0000")
+    settled(page, viewer)
+    faces, line = viewer.session.current.objects
+    assert (faces.kind, line.along, line.style.color) == ("faces", "boundary:boundary", (1.0, 0.0, 0.0))
+    pixels = np.asarray(Image.open(BytesIO(picture(viewer))).convert("RGB"))
+    assert (pixels == (255, 0, 0)).all(axis=2).sum() > 500
+    page.get_by_role("button", name="hide boundary").click()
+    settled(page, viewer)
+    assert objects(viewer) == [("faces", ("all",))]
+    page.close()
 
 
 def test_objects_change_places(page, viewer, tree):

@@ -7,7 +7,8 @@ from dataclasses import replace
 import pytest
 from driving import PATIENCE
 
-from elvis import read, render, view
+from elvis import Dataset, Shape, read, render, view, write
+from elvis.core.testing import approximated, grid
 from elvis.scene import SceneError
 
 pytest.importorskip("anywidget")
@@ -159,6 +160,47 @@ def test_the_module_shows_and_changes_the_scene_in_a_cell(browser, viewer):
     assert not page.get_by_label("save", exact=True).locator("option", has_text="copy link").count()
     assert not told
     page.close()
+
+
+def answers(viewer, wanted):
+    """What the page receives to messages with these numbers."""
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
+        found = {content["id"]: content for content, _ in list(viewer.sent) if content.get("id") in wanted}
+        if len(found) == len(wanted):
+            return [found[number] for number in wanted]
+        time.sleep(0.05)
+    raise AssertionError("no answer came")
+
+
+def test_a_second_dataset_is_sent_in_parts(scene, viewer, tmp_path):
+    """Its difference from the first one, which is in memory, is that of files; bad files change nothing."""
+    bare = Dataset(grid(Shape.HEXAHEDRON, 1))
+    field = approximated(bare, "u", lambda x: x[:, 0] ** 2, 3)
+    files = write(Dataset(bare.mesh, (field,)), tmp_path / "second.xml")
+
+    def send(number, kind, content=None, part=None):
+        buffers = [] if part is None else [memoryview(part)]
+        viewer._receive(None, {"type": kind, "id": number, "content": content}, buffers)
+
+    send(20, "upload", {"name": "bad.vtu", "first": True, "offset": 0}, b"nothing")
+    send(21, "compare")
+    assert "bad.vtu" in answers(viewer, [21])[0]["text"]
+    for place, path in enumerate(files):
+        content = path.read_bytes()
+        half = len(content) // 2
+        send(30 + 2 * place, "upload", {"name": path.name, "first": not place, "offset": 0}, content[:half])
+        send(31 + 2 * place, "upload", {"name": path.name, "first": not place, "offset": half}, content[half:])
+    send(40, "compare")
+    assert [each["type"] for each in answers(viewer, [30, 31, 32, 33, 40])] == ["answer"] * 5
+    assert viewer._session.facts["others"] == ["other"]
+    before = viewer._session.revision
+    viewer.scene = replace(viewer.scene, field="u - other:u")
+    _, file = final(viewer, before)
+    wanted = render(read(*scene.data).with_others(other=read(*files)), viewer.scene)
+    wanted.save(tmp_path / "wanted.png")
+    viewer.save(tmp_path / "own.png")
+    assert file == (tmp_path / "wanted.png").read_bytes() == (tmp_path / "own.png").read_bytes()
 
 
 def test_a_notebook_runs_and_stores_the_picture(scene, tmp_path):

@@ -28,27 +28,47 @@ class SecondData:
 
     def __init__(self) -> None:
         self._folders: list[tempfile.TemporaryDirectory[str]] = []
+        self._files: list[Path] = []
+        self._left = MAX_BYTES
 
     async def receive(self, parts: Any) -> list[Path]:
         """The files of a multipart request, next to those before; ElvisError if they are too many or too large."""
-        folder = tempfile.TemporaryDirectory(prefix="elvis-compare-")
-        self._folders.append(folder)
-        found: list[Path] = []
-        left = MAX_BYTES
+        self.begin()
         async for part in parts:
-            if part.filename is None or len(found) == MAX_FILES:
-                raise ElvisError(f"expected at most {MAX_FILES} files")
-            path = Path(folder.name, plain_name(part.filename))
-            with path.open("xb") as file:
-                while content := await part.read_chunk(_CHUNK):
-                    left -= len(content)
-                    if left < 0:
-                        raise ElvisError(f"the files are larger than {MAX_BYTES >> 30} GiB; use --other {NAME}=FILE,…")
-                    file.write(content)
-            found.append(path)
-        if not found:
+            self.open(part.filename)
+            while content := await part.read_chunk(_CHUNK):
+                self.append(content)
+        return self.files
+
+    def begin(self) -> None:
+        """Make a folder for files, next to those before."""
+        self._folders.append(tempfile.TemporaryDirectory(prefix="elvis-compare-"))
+        self._files, self._left = [], MAX_BYTES
+
+    def open(self, name: str | None) -> None:
+        """Make an empty file; ElvisError if there are too many."""
+        if name is None or len(self._files) == MAX_FILES:
+            raise ElvisError(f"expected at most {MAX_FILES} files")
+        if not self._folders:
+            self.begin()
+        path = Path(self._folders[-1].name, plain_name(name))
+        path.touch(exist_ok=False)
+        self._files.append(path)
+
+    def append(self, content: bytes) -> None:
+        """Append to the last file; ElvisError if all files together are too large."""
+        self._left -= len(content)
+        if self._left < 0:
+            raise ElvisError(f"the files are larger than {MAX_BYTES >> 30} GiB; use --other {NAME}=FILE,…")
+        with self.files[-1].open("ab") as file:
+            file.write(content)
+
+    @property
+    def files(self) -> list[Path]:
+        """The last files; ElvisError if there are none."""
+        if not self._files:
             raise ElvisError("expected the files of a dataset, found none")
-        return found
+        return self._files
 
     def accept(self) -> None:
         """Remove the files before the last ones."""
@@ -74,9 +94,15 @@ def plain_name(name: str) -> str:
 
 
 def sources_with(source: Source, files: Sequence[Path]) -> list[Source]:
-    """Sources with a second dataset, to be tried in turn: of these files alone, then with the first dataset's mesh."""
-    from elvis.plugins.data import Reading
+    """Sources with a second dataset, to be tried in turn: of these files alone, then with the first dataset's mesh.
 
+    Data in memory get a second dataset in memory.
+    """
+    from elvis.core.dataset import Dataset
+    from elvis.plugins.data import Reading, dataset_of
+
+    if isinstance(source.data, Dataset):
+        return [replace(source, data=source.data.with_others(**{NAME: dataset_of(files, Reading())}))]
     if source.data is not None or source.is_live:
         raise ElvisError("a second dataset needs data in files; start elvis view with them")
     suffixes = {path.suffix for path in files}

@@ -423,7 +423,12 @@ class Session:
         """Read a second dataset, for expressions and next to the first; ElvisError if that fails, nothing changes."""
         before = self.source
         reason: ElvisError | None = None
-        for source in sources_with(before, files):
+        try:
+            sources = await asyncio.to_thread(sources_with, before, files)
+        except ElvisError:
+            self.second.reject()
+            raise
+        for source in sources:
             try:
                 await self._read_from(source)
             except ElvisError as error:

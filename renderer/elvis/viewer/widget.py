@@ -27,6 +27,7 @@ from elvis.scene.whole import Scene
 from elvis.viewer.drawing_process import Source
 from elvis.viewer.moments import source_of
 from elvis.viewer.patches import FIXED
+from elvis.viewer.second_data import SecondData
 from elvis.viewer.server import page_facts
 from elvis.viewer.session import Session
 from elvis.viewer.viewers import Viewer
@@ -97,10 +98,10 @@ class NotebookViewer:
         start = 4 + struct.unpack("<I", message[:4])[0]
         self._widget.send({"type": "frame", **json.loads(message[4:start])}, [message[start:]])
 
-    def _receive(self, _: Any, content: Any, __: Any) -> None:
-        asyncio.run_coroutine_threadsafe(self._answer(content), self._loop)
+    def _receive(self, _: Any, content: Any, buffers: Any) -> None:
+        asyncio.run_coroutine_threadsafe(self._answer(content, buffers), self._loop)
 
-    async def _answer(self, content: Any) -> None:
+    async def _answer(self, content: Any, buffers: Any = None) -> None:
         """Handle a message of the page; a page that was just opened receives the complete state."""
         message = content if isinstance(content, dict) else {}
         if message.get("type") == "hello":
@@ -109,8 +110,27 @@ class NotebookViewer:
             await self._session.join(self._viewer)
         elif message.get("type") == "save":
             await self._save(message)
+        elif message.get("type") in ("upload", "compare"):
+            await self._compare(message, buffers)
         else:
             await self._session.receive(self._viewer, message)
+
+    async def _compare(self, message: dict[str, Any], buffers: Any) -> None:
+        """Take a part of a file of a second dataset; or read this dataset, once all files are here."""
+        from elvis.core.errors import ElvisError
+
+        session = self._session
+        try:
+            if message["type"] == "upload":
+                _take(session.second, message.get("content"), buffers)
+            else:
+                await session.compare(session.second.files)
+                if isinstance(self._data, Dataset) and isinstance(session.source.data, Dataset):
+                    self._data = self._data.with_others(**session.source.data.others)
+        except (ElvisError, OSError) as error:
+            self._widget.send({"type": "error", "id": message.get("id"), "text": str(error)})
+        else:
+            self._widget.send({"type": "answer", "id": message.get("id"), "content": None})
 
     async def _save(self, message: dict[str, Any]) -> None:
         """A file for the browser to keep."""
@@ -176,6 +196,16 @@ class NotebookViewer:
             start = 4 + struct.unpack("<I", message[:4])[0]
             bundle = {**bundle, "image/png": base64.b64encode(message[start:]).decode()}
         return (bundle, *found[1:]) if isinstance(found, tuple) else bundle
+
+
+def _take(second: SecondData, content: Any, buffers: Any) -> None:
+    """Append a part of a file: ``name``, whether it is the ``first`` file of all, ``offset`` of the part."""
+    part = content if isinstance(content, dict) else {}
+    if part.get("offset") == 0:
+        if part.get("first"):
+            second.begin()
+        second.open(str(part.get("name")))
+    second.append(bytes(buffers[0]) if buffers else b"")
 
 
 async def _session(scene: Scene, source: Source) -> Session:

@@ -1162,7 +1162,7 @@ class Beside {
     viewer.waitFor("reading the second dataset");
     viewer.recover("reading");
     try {
-      await viewer.model.upload(files);
+      await viewer.model.upload(files, viewer);
       this.name = files.map((file) => file.name).join(", ");
       this.chooseOther("divider: other");
       this.second.value = this.chosen;
@@ -1312,7 +1312,7 @@ class TimeBar {
     this.slider.max = this.times.length - 1;
     const isHeld = this.slider.matches(":active");
     if (!isHeld) this.slider.value = this.step;
-    if (document.activeElement !== this.time) this.time.value = Number((this.viewer.table.time ?? this.times[this.step]).toPrecision(10));
+    if (!this.time.isTyped) this.time.value = Number((this.viewer.table.time ?? this.times[this.step]).toPrecision(10));
     this.note.textContent = this.place;
     this.fixed.ariaPressed = String(Array.isArray(this.viewer.table.range));
   }
@@ -1898,10 +1898,14 @@ function eyeIcon(isOpen) {
   return icon;
 }
 
+//: colour and width in pixels of boundaries of 2D data
+const LINE = [0.82, 0.28, 0.1], LINE_WIDTH = 3;
+
 const hexOf = (color) => `#${color.slice(0, 3).map((part) => Math.round(255 * part).toString(16).padStart(2, "0")).join("")}`;
 const colorOf = (hex) => [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16) / 255);
 
 // Boundaries and regions as parts of the objects `faces`: which objects show a part, and the objects that show it otherwise.
+// Boundaries of 2D data are lines on the whole domain, each an object of its own.
 class ShownParts {
   constructor(viewer) {
     this.viewer = viewer;
@@ -1915,9 +1919,17 @@ class ShownParts {
     return this.viewer.facts.boundaries;
   }
 
-  // the object that shows a part, by its name in `select`
+  get areLines() {
+    return this.viewer.facts.kind === "plane";
+  }
+
+  // whether an object shows a part, by its name in `select`
+  shows(object, name) {
+    return this.areLines ? object.along === `boundary:${name}` : object.kind === "faces" && this.names(object).includes(name);
+  }
+
   owner(name) {
-    return this.objects.find((object) => object.kind === "faces" && this.names(object).includes(name));
+    return this.objects.find((object) => this.shows(object, name));
   }
 
   // names of the parts that faces show, "all" by the names of the boundaries
@@ -1926,8 +1938,9 @@ class ShownParts {
   }
 
   without(name) {
+    if (this.areLines) return this.objects.filter((object) => !this.shows(object, name));
     const objects = this.objects.map((object) => {
-      if (object.kind !== "faces" || !this.names(object).includes(name)) return object;
+      if (!this.shows(object, name)) return object;
       return { ...object, select: this.names(object).filter((one) => one !== name) };
     });
     return objects.filter((object) => object.kind !== "faces" || (object.select ?? ["all"]).length);
@@ -1935,6 +1948,7 @@ class ShownParts {
 
   // objects that also show a part, in a style
   with(objects, name, style) {
+    if (this.areLines) return [...objects, { kind: "streamlines", along: `boundary:${name}`, width: LINE_WIDTH, style: style ?? { color: LINE } }];
     const text = JSON.stringify(style ?? {});
     const at = objects.findIndex((object) => object.kind === "faces" && JSON.stringify(object.style ?? {}) === text);
     if (at < 0) return [...objects, { kind: "faces", select: [name], ...(Object.keys(style ?? {}).length ? { style } : {}) }];
@@ -1956,10 +1970,10 @@ class ShownParts {
     this.take(this.with(this.owner(name) ? this.without(name) : this.given, name, color ? { ...rest, color } : rest));
   }
 
-  // without objects, all faces are shown; what is added then stands for itself
+  // without objects, all faces are shown; what is added then stands for itself, but for lines
   get given() {
     const { plane, objects = [] } = this.viewer.table;
-    return plane || objects.length ? this.objects : [];
+    return this.areLines || plane || objects.length ? this.objects : [];
   }
 
   take(objects) {
@@ -1989,9 +2003,9 @@ class DataTree {
     const { files = [], contents, kind } = this.viewer.facts;
     const rows = [make("h2", {}, "Data"), ...files.map((name) => make("div", { className: "elvis-leaf", title: name }, name))];
     if (!contents) return rows;
-    const canHide = kind === "solid";
+    const canHide = kind === "solid", isPlane = kind === "plane";
     rows.push(this.elements(contents), this.orders(contents), ...this.time(contents));
-    rows.push(this.branch("boundaries", contents.boundaries, (name) => name, canHide), this.branch("regions", contents.regions, (name) => `region:${name}`, canHide));
+    rows.push(this.branch("boundaries", contents.boundaries, (name) => name, canHide || isPlane), this.branch("regions", contents.regions, (name) => `region:${name}`, canHide));
     return [...rows.filter(Boolean), ...this.remarks()];
   }
 
@@ -2201,6 +2215,7 @@ class Viewer {
     el.append(this.frame);
     this.waitFor();
     this.listen();
+    this.watchTyping();
     new ResizeObserver(() => this.sized()).observe(this.stage);
     // another window may have resized the picture
     window.addEventListener("focus", () => this.size && this.stage.isConnected && this.resize(this.size));
@@ -2294,9 +2309,9 @@ class Viewer {
     }
   }
 
-  ask(type, content, more = {}) {
+  ask(type, content, more = {}, buffers = []) {
     const id = ++counter;
-    if (this.model.send({ type, id, content, ...more }) === false) return Promise.reject(new Error("Not connected to elvis view."));
+    if (this.model.send({ type, id, content, ...more }, buffers) === false) return Promise.reject(new Error("Not connected to elvis view."));
     return new Promise((resolve, reject) => this.waiting.set(id, { resolve, reject }));
   }
 
@@ -2863,14 +2878,37 @@ class Viewer {
     this.tree.update();
   }
 
-  // other contents of a part of the page; scroll positions, folds and the focus stay
+  // other contents of a part of the page; scroll positions, folds, the focus and a text that is being typed stay
   refill(root, children) {
     const active = root.getRootNode().activeElement, scrolled = [root, root.parentElement].map((one) => [one, one?.scrollTop]);
     const focused = root.contains(active) ? this.nameOf(active, root) : null;
+    const typed = focused && active.isTyped ? { text: active.value, caret: [active.selectionStart, active.selectionEnd] } : null;
+    // browsers report a change where a field with another text than before is removed
+    if (typed) Object.assign(active, { isTyped: false, value: active.before });
     root.replaceChildren(...children);
     Controls.restore(root);
     for (const [one, top] of scrolled) if (one) one.scrollTop = top;
-    if (focused) this.focusable(root).find((one) => this.nameOf(one, root) === focused)?.focus({ preventScroll: true });
+    const next = focused && this.focusable(root).find((one) => this.nameOf(one, root) === focused);
+    next?.focus({ preventScroll: true });
+    if (next && typed) this.retype(next, typed);
+  }
+
+  // continue a text that was being typed in a field that has been replaced
+  retype(field, { text, caret }) {
+    field.value = text;
+    // fields of numbers have no caret to set
+    if (caret[0] !== null) field.setSelectionRange(...caret);
+    field.dispatchEvent(new Event("input", { bubbles: true }));
+  }
+
+  // Fields know whether their text is being typed.  Browsers report no change of a text that a program has put there.
+  watchTyping() {
+    const apply = ({ target }) => target.isTyped && target.dispatchEvent(new Event("change", { bubbles: true }));
+    this.root.addEventListener("focusin", ({ target }) => { target.before = target.value; });
+    this.root.addEventListener("input", ({ target }) => { target.isTyped = ["text", "number"].includes(target.type); });
+    this.root.addEventListener("change", ({ target }) => { target.isTyped = false; }, true);
+    this.root.addEventListener("focusout", apply);
+    this.root.addEventListener("keyup", (e) => e.key === "Enter" && apply(e));
   }
 
   // certified minimum and maximum of the field: marked, reported, and where new objects are placed
@@ -3056,7 +3094,7 @@ class Viewer {
 
   summary(item) {
     const values = item.values ?? item.transfer?.values;
-    const parts = [item.surface?.kind, item.quantity, values?.map(short).join(", "), (item.select ?? item.seeds ?? item.points)?.join(", "), item.style?.quantity];
+    const parts = [item.surface?.kind, item.along, item.quantity, values?.map(short).join(", "), (item.select ?? item.seeds ?? item.points)?.join(", "), item.style?.quantity];
     return parts.filter(Boolean).join(" ");
   }
 
@@ -3293,6 +3331,9 @@ class Viewer {
 
 // ---------------------------------------------------------------- a notebook's model, in the form of anywidget
 
+//: bytes of a message that carries a part of a file
+const PART = 1 << 22;
+
 class Notebook {
   constructor(model) {
     this.model = model;
@@ -3307,8 +3348,19 @@ class Notebook {
     this.send({ type: "hello" });
   }
 
-  send(message) {
-    this.model.send(message);
+  send(message, buffers) {
+    this.model.send(message, undefined, buffers);
+  }
+
+  // files of a second dataset, in parts that the connection of a notebook takes
+  async upload(files, viewer) {
+    for (const file of files) {
+      for (let offset = 0; offset === 0 || offset < file.size; offset += PART) {
+        const part = await file.slice(offset, offset + PART).arrayBuffer();
+        await viewer.ask("upload", { name: file.name, first: file === files[0], offset }, {}, [part]);
+      }
+    }
+    await viewer.ask("compare", null);
   }
 
   async file(suffix, how, viewer) {
