@@ -15,6 +15,8 @@ from elvis.core.conversion_errors import ConversionErrors
 
 #: points in each element
 COUNT = 10
+#: condition numbers of the map above which rounding of a place in the world counts: those of nearly folded elements
+CONDITION = 100.0
 
 
 @cache
@@ -77,6 +79,9 @@ def refutation(seed):
     mapped = mesh.MapToAllElements({element: rule}, ng.VOL)
     places = np.asarray(ng.CoefficientFunction((ng.x, ng.y, ng.z)[: mesh.dim])(mapped))
     wanted = np.asarray(function(mapped)).reshape(len(places), -1)
+    jacobians = np.asarray(ng.specialcf.JacobianMatrix(mesh.dim)(mapped)).reshape(-1, mesh.dim, mesh.dim)
+    sound = np.linalg.cond(jacobians) < CONDITION
+    places, wanted = places[sound], wanted[sound]
     errors = ConversionErrors.of(dataset.metadata).fields
     for column, name in enumerate(dataset):
         values = sample(dataset, name, places).values[:, 0]
