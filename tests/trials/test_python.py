@@ -120,6 +120,8 @@ def test_a_dataset_has_the_names_that_users_try():
     assert "lambda2" not in read("blocks.xml", "blocks.fld")._ipython_key_completions_()
     with pytest.raises(ElvisError, match="expected the coordinates x, y, found 1 of them"):
         ds["u"](0.5)
+    with pytest.raises(ElvisError, match=r"u\.png: expected a name that ends in .* dataset\.plot\(\)\.save"):
+        ds.save("u.png")
     with pytest.raises(ElvisError, match="expected coordinates as numbers that can be broadcast"):
         ds["u"]([1, 2], [1, 2, 3])
     with pytest.raises(KeyError, match="expression 'u \\+'"):
@@ -136,6 +138,8 @@ def test_fields_and_quantities_are_functions():
     x, y = 2 * np.cos(angle), 2 * np.sin(angle)
     speed, points = ds["speed"], np.stack([x, y], -1).reshape(-1, 2)
     assert np.array_equal(speed(x, y).ravel(), sample(ds, "speed", points)["speed"])
+    assert np.array_equal(speed(points), speed(x, y).ravel())
+    assert speed(points[0]) == speed(x[0, 0], y[0, 0])
     # the potential flow around the cylinder, u = 1 - (x² - y²)/r⁴ and its circulation, has no vorticity
     assert abs(ds["vorticity"](x, y)).max() < 1e-3 * speed.range[1]
     assert isinstance(ds["u"](0.0, 2.0), float)

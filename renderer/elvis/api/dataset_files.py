@@ -11,6 +11,18 @@ from elvis.formats.writing import write as write_native
 from elvis.plugins.exporting import GROUP, exporter
 from elvis.plugins.registry import plugins
 
+_PICTURE, _SURFACE, _TABLE = (
+    "dataset.plot().save(name) writes pictures",
+    "elvis extract writes surfaces",
+    "elvis probe writes tables",
+)
+#: suffixes of files that are no datasets, and what writes such files
+_OTHER_FILES = {
+    **dict.fromkeys((".png", ".jpg", ".svg", ".pdf", ".exr", ".html", ".webp", ".gif", ".mp4"), _PICTURE),
+    **dict.fromkeys((".stl", ".ply", ".obj", ".glb", ".vtp"), _SURFACE),
+    **dict.fromkeys((".csv", ".npz"), _TABLE),
+}
+
 
 def write(
     dataset: Dataset, path: str | Path | None = None, field_path: str | Path | None = None, **options: Any
@@ -23,7 +35,8 @@ def write(
     options     ``mesh_format``, "compressed", "text" or "hdf5"; ``field_format``, "xml" or "hdf5"; ``order`` of the
                 cells of VTK and Gmsh, by default the lowest that contains map and fields
 
-    Raises ElvisError if a file can't be written, or a format can't represent the dataset.
+    Raises ElvisError if a file can't be written, or a format can't represent the dataset, and for suffixes of pictures,
+    surfaces and tables.
 
     >>> ds = elvis.from_arrays({"triangle": [[[0, 0], [1, 0], [0, 1]]]}, u=[[0, 1, 0]], v=[[0, 0, 0]])
     >>> elvis.write(ds, "copy.xml")
@@ -32,6 +45,9 @@ def write(
     suffix = "" if path is None else Path(path).suffix
     if suffix[1:] in plugins(GROUP):
         return _export(dataset, Path(str(path)), field_path, **options)
+    if suffix.lower() in _OTHER_FILES:
+        known = ", ".join(f".{name}" for name in sorted(plugins(GROUP)))
+        raise ElvisError(f"{path}: expected a name that ends in .xml, .fld, {known}; {_OTHER_FILES[suffix.lower()]}")
     if suffix == ".fld" and field_path is None:
         return write_native(dataset, field_path=path, **options)
     return write_native(dataset, path, field_path, **options)

@@ -38,7 +38,8 @@ class DatasetFunction:
         Parameters
         ----------
         x, y, z : numbers or arrays of numbers
-            World coordinates, as many as the data have or three.  Arrays are broadcast against one another.
+            World coordinates, as many as the data have or three.  Arrays are broadcast against one another.  ``x``
+            alone may be an array of points, with the coordinates along its last axis.
 
         Returns
         -------
@@ -50,8 +51,10 @@ class DatasetFunction:
         ElvisError
             If there are too few coordinates, or these are no numbers.
         """
-        places = [each for each in (x, y, z) if each is not None]
         dimension = Names.of(self._function[0]).dimension
+        places = [each for each in (x, y, z) if each is not None]
+        if len(places) == 1 and np.ndim(x) and np.shape(x)[-1] in {2, 3, dimension} and dimension > 1:
+            places = list(np.moveaxis(np.asarray(x), -1, 0))
         if len(places) < dimension or (y is None and z is not None):
             needed = ", ".join("xyz"[:dimension])
             raise ElvisError(f"expected the coordinates {needed}, found {len(places)} of them")

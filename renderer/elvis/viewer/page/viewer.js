@@ -1518,6 +1518,8 @@ const PLOTS = {
       return { columns: { value: edges.slice(0, -1), "value up to": edges.slice(1) }, values: shares };
     } },
 };
+//: names of the pressure coefficient; the predefined one needs p_ref and u_ref
+const COEFFICIENT = /^(c_?p|pressure_coefficient)$/i;
 //: sizes in a plot: margins, height of the axis below, of a legend's line
 const FRAME = { left: 74, right: 14, top: 12, bottom: 38, legend: 16, least: 120 };
 
@@ -1543,7 +1545,12 @@ class Plot {
   }
 
   async read(source, quantities = this.quantities) {
-    for (const quantity of quantities) source.curves.set(quantity, await PLOTS[this.kind].read(this.viewer, source, quantity));
+    this.readout.textContent = "computing…";
+    try {
+      for (const quantity of quantities) source.curves.set(quantity, await PLOTS[this.kind].read(this.viewer, source, quantity));
+    } finally {
+      this.readout.textContent = "";
+    }
   }
 
   // values at another moment
@@ -1726,7 +1733,7 @@ class PlotFrame {
     const values = this.curves.flatMap((one) => one.values.filter((value) => value !== null));
     this.ends = [extent(across), isHistogram ? [0, extent(values)[1]] : widened(extent(values))];
     // pressure coefficients are drawn with suction upwards
-    this.isReversed = /^c_?p$/i.test(quantity) && plot.kind === "section";
+    this.isReversed = COEFFICIENT.test(quantity) && plot.kind === "section";
   }
 
   x(value) {
@@ -1852,7 +1859,7 @@ class Plots {
   // the field of the picture; on walls the pressure coefficient, if the data have it
   initial(kind) {
     const names = Object.values(this.viewer.facts.quantities ?? {}).flat();
-    const coefficient = kind === "section" ? names.find((name) => /^c_?p$/i.test(name)) : null;
+    const coefficient = kind === "section" ? names.find((name) => COEFFICIENT.test(name)) : null;
     return coefficient ?? this.viewer.picture.field;
   }
 
