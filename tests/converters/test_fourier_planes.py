@@ -141,6 +141,20 @@ def test_planes_are_coefficients(tmp_path, monkeypatch):
     assert not (tmp_path / "d.xml").exists()
 
 
+def test_boundaries_keep_the_fourier_direction(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    data, _ = spanwise(4)
+    write(data, "a.xml")
+    done = CliRunner().invoke(elvis, ["extract", "a.xml", "a.fld", "--boundary", "all", "-o", "skin.xml"])
+    assert done.exit_code == 0, done.output
+    skin = read("skin.xml", "skin.fld")
+    for text in ("u", "u^2", "u*z + x*y"):
+        assert integrate(skin, text).value == pytest.approx(integrate(data, text, over="all").value, rel=1e-9)
+    words = ["extract", "a.xml", "a.fld", "--boundary", "all", "--field", "f=u*nx", "-o", "none.xml"]
+    assert "all: expected only fields" in str(CliRunner().invoke(elvis, words).exception)
+    assert not (tmp_path / "none.xml").exists()
+
+
 def test_points_do_not_snap_to_walls_along_fourier_directions():
     data, _ = spanwise(2)
     with pytest.raises(ElvisError, match="all: expected data without Fourier directions"):

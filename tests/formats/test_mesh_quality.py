@@ -1,10 +1,13 @@
 """Measures of elements against closed forms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Dataset
+from elvis.core.dataset import Block, Dataset, Field, Homogeneous
 from elvis.core.mesh_quality import mesh_quality
+from elvis.core.polynomials.bases import Basis
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid
 
@@ -29,6 +32,20 @@ def test_boxes_have_closed_forms(shape):
         "time_step": 1 / (0.2 * ORDER**2 * 2 * SPEED / WIDTH),
     }
     assert {name: float(own[0]) for name, own in found.measures.items()} == pytest.approx(expected, rel=1e-12)
+
+
+def test_time_steps_count_all_planes_of_fourier_directions():
+    """The velocity 3 + 2 cos(2 pi z) along x: at most 5."""
+    mesh = curved(grid(Shape.QUADRILATERAL, 1), lambda p: p * [WIDTH, HEIGHT, 1.0], 2)
+    waves = Homogeneous((Basis.FOURIER,), (1.0,), (0, 1, 2, 3))
+    one = approximated(Dataset(mesh), "u", lambda p: 1 + 0 * p[:, 0], ORDER + 1).blocks[0]
+    fields = []
+    for name, factors in (("u", (3, 0, 2, 0)), ("v", (0, 0, 0, 0)), ("w", (1, 0, 0, 0))):
+        expansion = replace(one.expansion, homogeneous=waves)
+        fields.append(Field(name, (Block(expansion, one.element_ids, np.kron(factors, one.coefficients)),)))
+    found = mesh_quality(Dataset(mesh, tuple(fields)))
+    assert found.measures["time_step"] == pytest.approx(1 / (0.2 * ORDER**2 * 2 * 5 / WIDTH), rel=1e-12)
+    assert found.measures["h"] == pytest.approx(np.sqrt(WIDTH * HEIGHT), rel=1e-12)
 
 
 def test_the_worst_element_comes_first():

@@ -8,13 +8,14 @@ jacobian_ratio   the smallest determinant divided by the largest (Johnen, Remacl
 edge_ratio       the longest edge divided by the shortest, by the distances of vertices
 h                d-th root of the length, area or volume
 time_step        the time step of CFL number 1, 1/(0.2 p^2 max |u . grad xi_i|), with the order p of the fields
-                 (Karniadakis and Sherwin, Spectral/hp Element Methods for CFD, section 6.3)
+                 (Karniadakis and Sherwin, Spectral/hp Element Methods for CFD, section 6.3); with Fourier directions
+                 the minimum over their planes, for the directions xi_i of the elements
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -124,13 +125,16 @@ def _parts(evaluator: Evaluator, velocity: list[Expression], patch: Patch) -> It
     points, _ = rule(patch.shape, count)
     attributes = evaluator.attributes
     has_velocity = bool(velocity) and None not in patch.fields
+    # the elements alone, without Fourier directions of the fields
+    plain = replace(patch, fields=(), coefficients=())
     for rows in chunks(len(patch), max(1, _BATCH // len(points))):
-        lattice = Lattice(patch, np.arange(rows.start, rows.stop), points)
-        found = _shape_measures(attributes, patch, lattice, len(points))
+        numbers = np.arange(rows.start, rows.stop)
+        lattice = Lattice(plain, numbers, points)
+        found = _shape_measures(attributes, plain, lattice, len(points))
         found["h"] = attributes.constant("h", patch.shape, patch.element_ids[rows])
         found["edge_ratio"] = _edge_ratios(patch, rows)
         if has_velocity:
-            found["time_step"] = _time_steps(evaluator, velocity, lattice, len(points))
+            found["time_step"] = _time_steps(evaluator, velocity, patch, numbers, points)
         yield found
 
 
@@ -162,16 +166,30 @@ def _edge_ratios(patch: Patch, rows: slice) -> Floats:
         return np.asarray(lengths.max(axis=1) / lengths.min(axis=1))
 
 
-def _time_steps(evaluator: Evaluator, velocity: list[Expression], lattice: Lattice, count: int) -> Floats:
+def _time_steps(evaluator: Evaluator, velocity: list[Expression], patch: Patch, rows: Ints, points: Floats) -> Floats:
     """(n,) the time step of CFL number 1; infinite where the velocity is zero."""
-    patch = lattice.patch
-    components = [np.broadcast_to(own, len(lattice)) for own in evaluator.values_at(velocity, lattice)]
-    flow = np.stack(components, axis=1)
-    # u . grad xi_i for each reference coordinate, by the dual tangents grad xi_i
-    rates = np.abs(np.einsum("nkd,nk->nd", lattice.duals[:, : flow.shape[1]], flow)).max(axis=1)
+    fastest = np.zeros(len(rows))
+    for zeta in _planes(patch):
+        lattice = Lattice(patch, rows, np.hstack([points, np.tile(zeta, (len(points), 1))]))
+        components = [np.broadcast_to(own, len(lattice)) for own in evaluator.values_at(velocity, lattice)]
+        flow = np.stack(components, axis=1)
+        # u . grad xi_i for each reference coordinate of the shape, by the dual tangents grad xi_i
+        duals = lattice.duals[:, : flow.shape[1], : patch.shape.dimension]
+        rates = np.abs(np.einsum("nkd,nk->nd", duals, flow)).max(axis=1)
+        fastest = np.maximum(fastest, rates.reshape(len(rows), -1).max(axis=1))
     order = max(max(own.modes) - 1 for own in patch.fields if own is not None)
     with np.errstate(divide="ignore"):
-        return np.asarray(1 / (_GROWTH * order**2 * rates.reshape(-1, count).max(axis=1)))
+        return np.asarray(1 / (_GROWTH * order**2 * fastest))
+
+
+def _planes(patch: Patch) -> Floats:
+    """(n, k) coordinates zeta of points along the k Fourier directions, two for each mode."""
+    waves = patch.homogeneous
+    if waves is None:
+        return np.zeros((1, 0))
+    ids = (waves.y_ids, waves.z_ids) if waves.y_ids else (waves.z_ids,)
+    lines = [np.linspace(-1, 1, 2 * (max(own) + 1), endpoint=False) for own in ids]
+    return np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, len(lines))
 
 
 def _spread(name: str, ids: Ints, values: Floats) -> dict[str, Any]:

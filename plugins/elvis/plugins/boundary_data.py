@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
+from itertools import starmap
 from pathlib import Path
 
 import numpy as np
 
-from elvis.core.arrays import Floats
+from elvis.core.arrays import Floats, frozen_floats
 from elvis.core.conversion_errors import ConversionErrors
-from elvis.core.dataset import MAP_KEY, Dataset
+from elvis.core.dataset import MAP_KEY, Block, Dataset, Field, Homogeneous
 from elvis.core.errors import ElvisError
 from elvis.core.integrals.reference_cells import Piece, side_corners
 from elvis.core.integrals.targets import Places
@@ -22,6 +24,7 @@ from elvis.core.streamlines.walls import outward
 from elvis.plugins.added_quantities import parse_quantities
 from elvis.plugins.conversion import Converter, Elements, SourceField
 from elvis.plugins.converting import Conversion, Settings, convert
+from elvis.plugins.fourier_planes import common_waves, fourier_coefficients
 from elvis.plugins.report import CONVERTED, REPORT
 
 #: by how much of a side points on its edges are moved inwards, so that the nearest side of the element is this one
@@ -35,8 +38,8 @@ def boundary_data(dataset: Dataset, boundary: str, quantities: Sequence[str] = (
     quantities  of the volume that also become fields, such as ``"shear=wall_shear(mu=2e-4)"``
 
     Curved faces and fields are traces of polynomials, so they are exact; quantities are projected, and remarks state
-    the
-    errors.  Raises ElvisError for unknown boundaries, and for data with Fourier directions.
+    the errors.  Fields with a Fourier direction keep it.  Raises ElvisError for unknown boundaries, and for quantities
+    of data with Fourier directions.
 
     >>> ds = elvis.read("wing.xml", "wing.fld")
     >>> elvis.boundary_data(ds, "wing", ["Cp=2*p"])
@@ -53,7 +56,38 @@ def convert_boundary(
 
     fields  names of remaining fields; None for all
     """
+    waves = {block.expansion.homogeneous for own in dataset.fields for block in own.blocks} - {None}
+    if waves and not quantities:
+        return _convert_planes(dataset, boundary, fields)
     return convert(BoundarySource(dataset, boundary, quantities, fields), Settings(), (boundary,))
+
+
+def _convert_planes(dataset: Dataset, boundary: str, fields: Sequence[str] | None) -> Conversion:
+    """The boundary of data with a Fourier direction: the traces of each plane of coefficients."""
+    waves = common_waves(dataset, boundary)
+    planes = [
+        convert(BoundarySource(fourier_coefficients(dataset, number), boundary, (), fields), Settings(), (boundary,))
+        for number in waves.z_ids
+    ]
+    found = starmap(partial(_stacked, waves), zip(*(own.dataset.fields for own in planes), strict=True))
+    measures = zip(*(own.report.fields for own in planes), strict=True)
+    worst = tuple(max(each, key=lambda measure: measure.max) for each in measures)
+    first = planes[0]
+    return replace(
+        first,
+        dataset=replace(first.dataset, fields=tuple(found)),
+        report=replace(first.report, fields=worst),
+    )
+
+
+def _stacked(waves: Homogeneous, *planes: Field) -> Field:
+    """A field with a Fourier direction from its planes of coefficients."""
+    blocks = []
+    for own in zip(*(field.blocks for field in planes), strict=True):
+        expansion = replace(own[0].expansion, homogeneous=waves)
+        coefficients = np.hstack([block.coefficients for block in own])
+        blocks.append(Block(expansion, own[0].element_ids, frozen_floats(coefficients)))
+    return replace(planes[0], blocks=tuple(blocks), continuous=all(own.continuous for own in planes))
 
 
 class BoundarySource(Converter):
@@ -76,8 +110,10 @@ class BoundarySource(Converter):
         self._evaluator = Evaluator(dataset, list(self._expressions.values()))
         patches = self._evaluator.patches
         if any(patch.homogeneous for patch in patches):
-            raise ElvisError(f"{boundary}: expected data without Fourier directions")
+            raise ElvisError(f"{boundary}: expected only fields, as the data have a Fourier direction")
         rows = Places(dataset, patches, {}).named(boundary).rows
+        if not any(len(row.pieces) for row in rows):
+            raise ElvisError(f"{boundary}: expected a boundary, found none: the surface is closed")
         self._pieces = [(row.name, piece) for row in rows for piece in row.pieces if isinstance(piece, Piece)]
         if not all(piece.is_side for _, piece in self._pieces):
             raise ElvisError(f"{boundary}: expected a boundary, found elements")

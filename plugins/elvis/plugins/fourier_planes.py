@@ -92,6 +92,15 @@ def without_plane(dataset: Dataset, number: int) -> Dataset:
     return replace(found, expansions=())
 
 
+def common_waves(dataset: Dataset, what: str) -> Homogeneous:
+    """The Fourier direction of all fields; ElvisError if there is none, or if fields have several."""
+    _check_one(dataset, what)
+    found = set(_waves_of(dataset))
+    if len(found) > 1:
+        raise ElvisError(f"{what}: expected the same Fourier planes for all fields, found {len(found)} sets")
+    return found.pop()
+
+
 def in_full_waves(dataset: Dataset, periods: int = 1) -> Dataset:
     """The same functions in all Fourier modes of ``periods`` periods, also those of single and half modes.
 
