@@ -22,6 +22,7 @@ from elvis import (
     integrate,
     level_triangles,
     read,
+    sample,
     write,
 )
 from elvis.core.testing import approximated, curved, grid, ripple
@@ -107,6 +108,35 @@ def test_a_plane_along_faces_is_extracted_once():
     found = level_triangles(Dataset(grid(Shape.HEXAHEDRON, 2)), "plane:0,0,0.5:0,0,1", [], 1e-2)
     assert found.area == pytest.approx(1, abs=1e-12)
     assert len(found.triangles) == 8
+
+
+@pytest.mark.parametrize(
+    ("shape", "order", "quantity"),
+    [(Shape.TETRAHEDRON, 4, "d(u,x)"), (Shape.HEXAHEDRON, 4, "vorticity")],
+)
+def test_distances_are_proved_for_derivatives_on_curved_elements(shape, order, quantity):
+    """Within the stated distance along the normal the quantity takes its value, by values at points on both sides."""
+    data = Dataset(curved(grid(shape, 1), ripple(0.02), order))
+    parts = {
+        "u": lambda x: np.sin(3 * x[:, 1]) * np.cos(2 * x[:, 0]),
+        "v": lambda x: x[:, 0] ** 3,
+        "w": lambda x: x[:, 1],
+    }
+    data = replace(data, fields=tuple(approximated(data, *item, order + 1) for item in parts.items()))
+    value = float(sample(data, quantity, [(0.7, 0.6, 0.5)]).values.item())
+    found = level_triangles(data, f"{quantity}={value}", [], 0.1)
+    assert found.is_bound
+    assert 0 < found.distance <= 0.1
+    some = np.random.default_rng(3).integers(len(found.triangles), size=200)
+    points = found.points[found.triangles[some]].mean(axis=1)
+    normals = found.crosses[some] / np.linalg.norm(found.crosses[some], axis=1, keepdims=True)
+    sides = [sample(data, quantity, points + sign * found.distance * normals) for sign in (-1, 1)]
+    # next to borders of elements the quantity jumps
+    elements = [own.location.element_id for own in sides]
+    is_same = (elements[0] == elements[1]) & (elements[0] >= 0)
+    assert is_same.sum() > 20
+    signs = [np.sign(own.values[is_same, 0] - value) for own in sides]
+    assert (signs[0] != signs[1]).all()
 
 
 def test_surfaces_of_jumping_fields_end_at_the_jump():
@@ -347,3 +377,10 @@ def test_plane_data_have_no_triangles(tmp_path, elvis):
     files = write(Dataset(grid(Shape.QUADRILATERAL, 1)), tmp_path / "a.xml")
     with pytest.raises(ElvisError, match="expected 3D data, found 2D data"):
         elvis("extract", *files, "--isosurface", "x=0.5", "-o", tmp_path / "a.stl")
+
+
+def test_closed_data_have_no_boundary():
+    """The faces of a cube as a surface."""
+    skin = boundary_data(Dataset(grid(Shape.HEXAHEDRON, 1)), "all")
+    with pytest.raises(ElvisError, match="all: expected a boundary, found none, as the data are closed or periodic"):
+        boundary_data(skin, "all")

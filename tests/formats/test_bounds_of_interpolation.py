@@ -32,7 +32,8 @@ def errors(text, shape, degree):
         (found,) = evaluator.values_at([expression], Lattice(patch, rows, in_cell(places)))
         return np.reshape(found, (len(rows), *(len(places),) * 3))
 
-    nodes, fine = places_of(degree), np.linspace(0, 1, 7)
+    # at the tip of a pyramid derivatives depend on the direction
+    nodes, fine = places_of(degree), np.linspace(0, 1 if shape is not Shape.PYRAMID else 0.999, 7)
     lagrange = np.polynomial.chebyshev.chebvander(2 * fine - 1, degree) @ np.linalg.inv(
         np.polynomial.chebyshev.chebvander(2 * nodes - 1, degree)
     )
@@ -41,8 +42,8 @@ def errors(text, shape, degree):
     return interpolation_errors(nets, rows, in_cell, degree), off
 
 
-@pytest.mark.parametrize("shape", [Shape.HEXAHEDRON, Shape.TETRAHEDRON])
-@pytest.mark.parametrize("text", ["sin(3*x)*cos(2*y) + u", "exp(u)/(2 + z)", "sqrt(3 + u)*atan(y)"])
+@pytest.mark.parametrize("shape", [Shape.HEXAHEDRON, Shape.TETRAHEDRON, Shape.PRISM, Shape.PYRAMID])
+@pytest.mark.parametrize("text", ["sin(3*x)*cos(2*y) + u", "exp(u)/(2 + z)", "sqrt(3 + u)*atan(y)", "d(u,x)*sin(y)"])
 def test_no_value_is_off_by_more_than_the_bound(shape, text):
     for degree in (4, 8):
         bound, off = errors(text, shape, degree)
@@ -59,6 +60,6 @@ def test_the_bound_is_near_the_error_of_a_line():
     assert (off > bound / 20).all()
 
 
-@pytest.mark.parametrize("text", ["abs(x - 0.5)", "1/(x - 0.5)", "d(u,x)*sin(y)", "sqrt(x - 0.2)"])
+@pytest.mark.parametrize("text", ["abs(x - 0.5)", "1/(x - 0.5)", "d(d(u,x),y)", "sqrt(x - 0.2)"])
 def test_kinks_poles_and_quotients_have_no_bound(text):
     assert np.isinf(errors(text, Shape.HEXAHEDRON, 8)[0]).all()

@@ -14,13 +14,13 @@ from elvis.core.arrays import Floats, frozen_floats
 from elvis.core.conversion_errors import ConversionErrors
 from elvis.core.dataset import MAP_KEY, Block, Dataset, Field, Homogeneous
 from elvis.core.errors import ElvisError
-from elvis.core.integrals.reference_cells import Piece, side_corners
-from elvis.core.integrals.targets import Places
+from elvis.core.integrals.reference_cells import side_corners
 from elvis.core.mapping.orientation import local_vertices
 from elvis.core.quantities import Expression
 from elvis.core.quantities.element_points import ElementPoints
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.streamlines.walls import outward
+from elvis.core.triangles.boundary_triangles import boundary_pieces
 from elvis.plugins.added_quantities import parse_quantities
 from elvis.plugins.conversion import Converter, Elements, SourceField
 from elvis.plugins.converting import Conversion, Settings, convert
@@ -111,12 +111,7 @@ class BoundarySource(Converter):
         patches = self._evaluator.patches
         if any(patch.homogeneous for patch in patches):
             raise ElvisError(f"{boundary}: expected only fields, as the data have a Fourier direction")
-        rows = Places(dataset, patches, {}).named(boundary).rows
-        if not any(len(row.pieces) for row in rows):
-            raise ElvisError(f"{boundary}: expected a boundary, found none: the surface is closed")
-        self._pieces = [(row.name, piece) for row in rows for piece in row.pieces if isinstance(piece, Piece)]
-        if not all(piece.is_side for _, piece in self._pieces):
-            raise ElvisError(f"{boundary}: expected a boundary, found elements")
+        self._pieces = boundary_pieces(dataset, patches, boundary)
         self.blocks = [self._block(dataset, number) for number in range(len(self._pieces))]
         self.fields = [self._field(dataset, name) for name in self._expressions]
         self.time = dataset.time

@@ -38,10 +38,7 @@ def cleared_on(expression: Expression, evaluator: Evaluator, patch: Patch, is_af
     d = patch.shape.dimension
     if expression.order > 1 or not patch.is_flat or d < 2 or patch.homogeneous is not None:
         return None
-    m = max(box_degrees(bernstein_space(patch.geometry)))
-    # in simplices degrees are total ones, and each derivative lowers them
-    is_simplex = len(patch.shape.vertices) == d + 1
-    cofactor, jacobian = ((d - 1) * (m - 1), d * (m - 1)) if is_simplex else ((d - 1) * m, d * m - 1)
+    cofactor, jacobian = jacobian_degrees(patch)
 
     def leaf(node: Node) -> Cleared | None:
         if node.op == "number":
@@ -57,6 +54,14 @@ def cleared_on(expression: Expression, evaluator: Evaluator, patch: Patch, is_af
         return None if len(known) < len(parts) else _combined(node, known, jacobian)
 
     return fold(expression.root, leaf, inner)
+
+
+def jacobian_degrees(patch: Patch) -> tuple[int, int]:
+    """The degrees of the cofactors of J and of det J in any direction."""
+    d, m = patch.shape.dimension, max(box_degrees(bernstein_space(patch.geometry)))
+    # in simplices degrees are total ones, and each derivative lowers them
+    is_simplex = len(patch.shape.vertices) == d + 1
+    return ((d - 1) * (m - 1), d * (m - 1)) if is_simplex else ((d - 1) * m, d * m - 1)
 
 
 def _combined(node: Node, parts: list[Cleared], jacobian: int) -> Cleared | None:

@@ -13,6 +13,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.integrals.reference_cells import Piece
 from elvis.core.integrals.subcells import corners, subcell_map
 from elvis.core.integrals.targets import Places
+from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import bernstein_space
 from elvis.core.polynomials.boxnets import all_halves, box_degrees, nets_through
 from elvis.core.quantities.element_points import ElementPoints
@@ -50,10 +51,7 @@ def boundary_triangles(
         raise ElvisError(f"{boundary}: expected 3D data, found {dataset.mesh.dimension}D data")
     wanted = default_tolerance(dataset, tolerance)
     evaluator = Evaluator(dataset, [Expression.of(dataset, text) for text in quantities])
-    rows = Places(dataset, evaluator.patches, {}).named(boundary).rows
-    pieces = [piece for row in rows for piece in row.pieces if isinstance(piece, Piece) and piece.is_side]
-    if not pieces:
-        raise ElvisError(f"{boundary}: expected a boundary, found elements")
+    pieces = [piece for _, piece in boundary_pieces(dataset, evaluator.patches, boundary)]
     shapes = {piece.shape for piece in pieces}
     firsts = [first_halvings(piece.shape, len(shapes) > 1)[0] for piece in pieces]
     needed = [_halvings_needed(piece, first, wanted) for piece, first in zip(pieces, firsts, strict=True)]
@@ -63,6 +61,17 @@ def boundary_triangles(
         raise ElvisError(f"expected a tolerance that some millions of triangles reach, found {wanted:g}")
     tiles = [tile for p, f in zip(pieces, firsts, strict=True) for tile in _tiles(evaluator, p, depth + f)]
     return _joined(tiles, quantities, max(distance for _, distance in needed))
+
+
+def boundary_pieces(dataset: Dataset, patches: tuple[Patch, ...], boundary: str) -> list[tuple[str, Piece]]:
+    """The sides of elements on a boundary, with its name; raises ElvisError for other names, and if there are none."""
+    rows = Places(dataset, patches, {}).named(boundary).rows
+    found = [(row.name, piece) for row in rows for piece in row.pieces if isinstance(piece, Piece)]
+    if not all(piece.is_side for _, piece in found):
+        raise ElvisError(f"{boundary}: expected a boundary, found elements")
+    if not found:
+        raise ElvisError(f"{boundary}: expected a boundary, found none, as the data are closed or periodic")
+    return found
 
 
 def _halvings_needed(piece: Piece, first: int, tolerance: float) -> tuple[int, float]:

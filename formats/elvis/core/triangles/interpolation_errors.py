@@ -22,11 +22,12 @@ from elvis.core.arrays import Floats, Ints
 from elvis.core.bounded_cache import bounded_cache
 from elvis.core.patch import Patch
 from elvis.core.quantities import discs
+from elvis.core.quantities.cleared import Cleared, cleared_on, jacobian_degrees
 from elvis.core.quantities.discs import Disc
 from elvis.core.quantities.element_points import Lattice
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
-from elvis.core.quantities.expression_nets import degree_on, places_of
+from elvis.core.quantities.expression_nets import places_of
 from elvis.core.quantities.functions import function
 from elvis.core.quantities.tree import Node, fold
 
@@ -64,8 +65,8 @@ def interpolation_errors(of: Interpolated, rows: Ints, in_cell: Callable[[Floats
     def leaf(node: Node) -> Disc:
         if node.op == "number":
             return discs.number(node.value)
-        own = degree_on(Expression(of.level.text, node), of.evaluator, of.patch, of.is_affine)
-        return _UNKNOWN if own is None else _leaf_discs(of, node, rows, in_cell, own)
+        known = cleared_on(Expression(of.level.text, node), of.evaluator, of.patch, of.is_affine)
+        return _UNKNOWN if known is None else _leaf_discs(of, node, rows, in_cell, known)
 
     with np.errstate(all="ignore"):
         _, radius = fold(of.level.root, leaf, lambda node, parts: function(node).disc(*parts))
@@ -79,13 +80,24 @@ def interpolation_errors(of: Interpolated, rows: Ints, in_cell: Callable[[Floats
 _UNKNOWN: Disc = (0.0, np.inf)
 
 
-def _leaf_discs(of: Interpolated, node: Node, rows: Ints, in_cell: Callable[[Floats], Floats], degree: int) -> Disc:
-    """Discs of a polynomial of a degree on cells: (n, 1, 1) middles, and radii (n, 3, parameters) by direction."""
-    places = places_of(max(1, degree))
-    values = of.evaluator.leaves_at(Lattice(of.patch, rows, in_cell(places)))(node)
-    count = len(places)
-    found = np.broadcast_to(values, len(rows) * count**3).reshape(-1, count, count, count)
-    inverse = np.linalg.inv(chebyshev.chebvander(2 * places - 1, count - 1))
+def _leaf_discs(of: Interpolated, node: Node, rows: Ints, in_cell: Callable[[Floats], Floats], known: Cleared) -> Disc:
+    """Discs of a polynomial on cells, or of a derivative: the quotient of a polynomial and det J."""
+    lattice = Lattice(of.patch, rows, in_cell(places_of(max(1, known.degree))))
+    values = np.broadcast_to(of.evaluator.leaves_at(lattice)(node), len(lattice))
+    if not known.power:
+        return _discs(values, len(rows))
+
+    determinants = np.linalg.det(lattice.jacobians)
+    numerator = _discs(values * determinants, len(rows))
+    lattice = Lattice(of.patch, rows, in_cell(places_of(jacobian_degrees(of.patch)[1])))
+    return discs.over(numerator, _discs(np.linalg.det(lattice.jacobians), len(rows)))
+
+
+def _discs(values: Floats, elements: int) -> Disc:
+    """Discs from values at the lattices of cells: (n, 1, 1) middles, and radii (n, 3, parameters) by direction."""
+    count = round(np.cbrt(len(values) / elements))
+    found = values.reshape(elements, count, count, count)
+    inverse = np.linalg.inv(chebyshev.chebvander(2 * places_of(count - 1) - 1, count - 1))
     coefficients = np.einsum("nijk,ai,bj,ck->nabc", found, inverse, inverse, inverse, optimize=True)
     sizes = np.abs(coefficients)
     sizes[:, 0, 0, 0] = 0.0

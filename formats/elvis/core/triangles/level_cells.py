@@ -34,8 +34,8 @@ _NUMBERS = 1 << 22
 _DEGREE_OF_OTHERS = 8
 #: error of the polynomial of another function, relative to its range on a cell, up to which distances are bounded
 _NEGLIGIBLE = 1e-5
-#: by how much the degree of the polynomial rises if its error is not small
-_HIGHER = 4
+#: by how much the degree of the polynomial rises in turn until its error is small
+_HIGHER = (0, 4, 8)
 #: values below this share of the largest coefficient are rounding
 ROUNDING = 1e-13
 #: second derivatives that count as rounding, relative to their terms
@@ -135,7 +135,7 @@ def cell_blocks(evaluator: Evaluator, level: Expression) -> Iterator[CellBlock]:
         for rows, is_affine in _by_map(patch):
             degree = degree_on(level, evaluator, patch, is_affine)
             least = min(max(_DEGREE_OF_OTHERS, _highest(patch)), 2 * _DEGREE_OF_OTHERS)
-            degrees = (least, least + _HIGHER) if degree is None else (max(1, degree),)
+            degrees = tuple(least + own for own in _HIGHER) if degree is None else (max(1, degree),)
             nets = _CellNets(evaluator, level, patch, is_affine, degrees, degree is not None)
             numbers = (degrees[-1] + 1) ** 3 + 3 * (_map_degree(patch) + 1) ** 3
             for some in chunks(len(rows), max(1, _NUMBERS // numbers)):

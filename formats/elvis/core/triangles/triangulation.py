@@ -18,7 +18,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.integrals.levels_of_elements import Level
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
-from elvis.core.quantities.tree import world_derivative
+from elvis.core.quantities.tree import Node, call, number, world_derivative
 from elvis.core.shapes import Shape
 from elvis.core.triangles.cell_places import CellPlaces, Cells, shared_numbers
 from elvis.core.triangles.level_cells import (
@@ -80,13 +80,21 @@ def prepared(
     if known is None:
         forms = "QUANTITY=VALUE, plane:P:N, sphere:C:R or cylinder:P:A:R"
         raise ElvisError(f"expected a surface {forms}, found {surface!r}")
-    level = Expression(surface, known.expression.root)
+    level = Expression(surface, _without_root(known.expression.root))
     try:
         gradient = [Expression(surface, world_derivative(level.root, axis)) for axis in range(3)]
     except ElvisError:
         gradient = []
     wanted = [Expression.of(dataset, text) for text in quantities]
     return level, gradient, Evaluator(dataset, [level, *gradient, *wanted])
+
+
+def _without_root(root: Node) -> Node:
+    """The root of ``sqrt(f) - c`` with c > 0 as f - c^2: it has the same zeros, but no kink where f is zero."""
+    if root.op == "-" and root.operands[0].op == "sqrt" and root.operands[1].value > 0:
+        (square,) = root.operands[0].operands
+        return call("-", square, number(root.operands[1].value ** 2))
+    return root
 
 
 def cells_within(evaluator: Evaluator, blocks: Sequence[CellBlock], tolerance: float) -> Cells:
