@@ -14,11 +14,12 @@ from elvis.plugins.serving import volume_of
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.gaps import beside
 from elvis.renderer.passes.faces.faces import FaceDrawer
-from elvis.renderer.passes.lines.lines import Lines, levels, line_coverage
+from elvis.renderer.passes.lines.lines import Lines, line_coverage
 from elvis.renderer.passes.plane.cut import Cutter
 from elvis.renderer.passes.solids.solids import values_at_hits
 from elvis.renderer.pixels import NOBODY
 from elvis.scene.errors import SceneError
+from elvis.scene.palette import levels
 from elvis.scene.view import PlaneView, View
 
 #: how far coverages may be from the truth: a line's middle is displaced by no more than this, in pixels

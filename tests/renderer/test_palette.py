@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from elvis import Scene, SceneError
+from elvis import ColorBar, Scene, SceneError
 from elvis.core.errors import FormatError
 from elvis.scene.files import read_scene, write_scene
-from elvis.scene.palette import FIRST, STEPS, Palette, points_in
+from elvis.scene.palette import FIRST, STEPS, Palette, levels, points_in
 
 #: the layout of the first ElVis
 RAINBOW = """<ColorMap name="Rainbow" space="RGB">
@@ -92,3 +92,12 @@ def test_a_missing_file_is_reported(tmp_path):
     (tmp_path / "binary.xml").write_bytes(b"\xff\xfe<\x00")
     with pytest.raises(SceneError, match="expected a ColorMap of RGB points"):
         Palette.of_name(str(tmp_path / "binary.xml"), 0.0, 1.0)
+
+
+def test_round_bands_end_where_round_contours_lie():
+    palette = Palette.of_name("viridis", -0.93, 0.41).over_range(ColorBar(bands=8, round=True))
+    assert np.allclose(palette.edges, [-0.8, -0.6, -0.4, -0.2, 0, 0.2, 0.4], rtol=0, atol=1e-15)
+    assert np.array_equal(palette.edges, levels(-0.93, 0.41, 7, is_round=True))
+    assert len(palette.table) == 8
+    # a range that is too narrow for round values has one in the middle
+    assert levels(1.0, np.nextafter(1.0, 2), 5, is_round=True).shape == (1,)

@@ -10,8 +10,8 @@ from elvis import Camera, ColorBar, Contours, CutSurface, Faces, Plane, Scene, S
 from elvis.core.errors import FormatError
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
-from elvis.scene.palette import NOT_A_NUMBER, STEPS, Palette, automatic_range
-from elvis.scene.picture import AXES, labels, notes, picture, sentences, shortest, ticks
+from elvis.scene.palette import NOT_A_NUMBER, STEPS, Palette, automatic_range, ticks
+from elvis.scene.picture import AXES, labels, notes, picture, sentences, shortest
 
 FINITE = st.floats(-1e12, 1e12)
 
@@ -81,6 +81,7 @@ def test_the_shortest_text_of_a_number_is_that_number(value):
         (Contours(count=4), "contours of u at -1.8, -0.6, 0.6, 1.8"),
         (Contours(count=10), "contours of u at -2.45, -1.91, -1.36, -0.82, -0.27, 0.27, 0.82, 1.36, 1.91, 2.45"),
         (Contours(values=(1 / 3, 0.1, 1.0)), "contours of u at 0.1, 0.3333333333333333, 1"),
+        (Contours(count=10, round=True), "contours of u at -2, -1, 0, 1, 2"),
         (Contours(count=1), "contours of u at 0.142857"),
     ],
 )

@@ -7,16 +7,17 @@ import numpy as np
 from elvis.core.arrays import Bools, Floats
 from elvis.reference.hits import Hits
 from elvis.scene import Style, Vector
+from elvis.scene.palette import levels
 from elvis.scene.view import View
 
 
 def contour_values(style: Style, ends: tuple[float, float]) -> tuple[float, ...]:
-    """The values of a style's contours; a count of them lies evenly within the colour range."""
+    """The values of a style's contours; a count of them lies within the colour range, evenly or at round values."""
     contours = style.contours
     if contours is None:
         return ()
     low, high = style.range or ends
-    return contours.values or tuple(np.linspace(low, high, (contours.count or 0) + 2)[1:-1].tolist())
+    return contours.values or tuple(levels(low, high, contours.count or 0, is_round=contours.round).tolist())
 
 
 def lines(

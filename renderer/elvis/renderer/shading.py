@@ -18,7 +18,7 @@ from elvis.renderer.draw_calls import DrawCall
 from elvis.renderer.hit_buffer import HitBuffer
 from elvis.renderer.painting import FragmentShader, Material
 from elvis.renderer.passes.lines.contour_proof import ContourProof
-from elvis.renderer.passes.lines.lines import Lines, levels
+from elvis.renderer.passes.lines.lines import Lines
 from elvis.renderer.passes.volume.media import Medium
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.stages import Stages
@@ -26,7 +26,7 @@ from elvis.renderer.undeformed import STYLES
 from elvis.renderer.visible_hits import Drawn
 from elvis.scene import ColorBar, Implicit, Scene, Style, Transfer, Vector, VolumeRendering
 from elvis.scene.frame import Legend
-from elvis.scene.palette import Palette, automatic_range, is_constant, text_color_on
+from elvis.scene.palette import Palette, automatic_range, is_constant, levels, text_color_on
 from elvis.scene.view import View
 
 #: key of a colour map: the quantity, the name of the map, the requested range, the scale of colours
@@ -241,7 +241,7 @@ class Painter:
             return np.unique(np.asarray(contours.values, dtype=np.float64))
         quantity = self.of_contours(draw_call)
         asked = self._scene_range(quantity, draw_call.style) if quantity == draw_call.quantity else "visible"
-        return levels(*self.range_of(quantity, asked), contours.count)
+        return levels(*self.range_of(quantity, asked), contours.count, is_round=contours.round)
 
     def legends(self, draw_calls: Sequence[DrawCall]) -> tuple[Legend, ...]:
         """Legends of the colours and contours of all draw calls, each once."""

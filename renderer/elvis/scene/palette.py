@@ -65,11 +65,18 @@ class Palette:
                 f"a logarithmic scale: expected a range above zero, found {self.low:g} to {self.high:g}: "
                 "use two values for the range, or scale=symlog"
             )
-        count = bar.bands or STEPS
+        edges = self._edges(bar)
+        count = len(edges) + 1
         table = self.table if bar.bands is None else self.table[np.rint(np.linspace(0, STEPS - 1, count)).astype(int)]
+        return replace(self, table=table, edges=edges)
+
+    def _edges(self, bar: ColorBar) -> Floats:
+        """(k,) values between neighbouring colours: evenly on the scale of the bar, or round ones."""
+        if bar.bands is not None and bar.round and bar.scale == "linear":
+            return levels(self.low, self.high, bar.bands - 1, is_round=True)
         there, back = scales(bar, self.low, self.high)
         low, high = there(np.array([self.low, self.high]))
-        return replace(self, table=table, edges=back(np.linspace(low, high, count + 1)[1:-1]))
+        return back(np.linspace(low, high, (bar.bands or STEPS) + 1)[1:-1])
 
     @staticmethod
     def of_transfer(transfer: Transfer) -> Palette:
@@ -92,6 +99,40 @@ class Palette:
     def colors(self, values: Floats) -> Floats:
         """Colours (…, 3) in [0, 1] of values (…)."""
         return np.vstack([self.table, NOT_A_NUMBER]).take(self.steps(values), axis=0)
+
+
+def ticks(low: float, high: float, most: int, is_whole: bool = False) -> list[float]:
+    """Round values in [low, high], at most ``most``: steps of 1, 2 or 5 times a power of ten.
+
+    The two ends where the range is too narrow for such steps.
+    is_whole  whether values are whole numbers: steps are at least 1
+    """
+    low = float(low)
+    high = float(high)
+    span = high - low
+    narrowest = max(1e-12 * max(abs(low), abs(high)), 1e-300)
+    if not narrowest < span < 1e301:
+        return [low, high]
+
+    # the shortest step with few enough multiples in the range
+    power = 10.0 ** np.floor(np.log10(span / max(most, 1)))
+    if is_whole:
+        power = max(power, 1.0)
+    for factor in (1.0, 2.0, 5.0, 10.0, 20.0, 50.0):
+        step = power * factor
+        first = int(np.ceil(low / step - 1e-9))
+        last = int(np.floor(high / step + 1e-9))
+        if last - first < most:
+            break
+    return [number * step for number in range(first, last + 1)]
+
+
+def levels(low: float, high: float, count: int, *, is_round: bool = False) -> Floats:
+    """Values that part a range, none at its ends: n evenly, or at most n that are round, as ticks are."""
+    if not is_round:
+        return np.linspace(low, high, count + 2)[1:-1]
+    inside = [value for value in ticks(low, high, count) if low < value < high]
+    return np.array(inside or [0.5 * (low + high)])
 
 
 @lru_cache(maxsize=64)

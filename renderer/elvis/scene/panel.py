@@ -11,8 +11,8 @@ from elvis.core.arrays import Floats
 from elvis.core.terminal import visible
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Arrow, Frame, Legend
-from elvis.scene.palette import Palette, linear_part
-from elvis.scene.picture import AXES, emptiest_corner, labels, mark_texts, sentences, ticks, typed_values, value_labels
+from elvis.scene.palette import Palette, linear_part, ticks
+from elvis.scene.picture import AXES, emptiest_corner, labels, mark_texts, sentences, typed_values, value_labels
 from elvis.scene.rulers import Ruler, aligned, box_edges, box_rulers, scale_bar, sides
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from elvis.core.arrays import Floats
 from elvis.scene import Vector, VolumeRendering
 from elvis.scene.frame import Arrow, Frame, Legend
 from elvis.scene.page import BarPlace, Page, Part, Rgb
-from elvis.scene.palette import text_color_on
+from elvis.scene.palette import text_color_on, ticks
 from elvis.scene.quantities import velocities
 
 Font: TypeAlias = ImageFont.FreeTypeFont | ImageFont.ImageFont
@@ -45,32 +45,6 @@ def page(frame: Frame, *, plain: bool = False) -> Page:
         return _add_frame(frame)
     height, width = frame.rgb.shape[:2]
     return Page(frame.rgb, (0, 0), (width, height))
-
-
-def ticks(low: float, high: float, most: int, is_whole: bool = False) -> list[float]:
-    """Round values in [low, high], at most ``most``: steps of 1, 2 or 5 times a power of ten.
-
-    The two ends where the range is too narrow for such steps.
-    is_whole  whether values are whole numbers: steps are at least 1
-    """
-    low = float(low)
-    high = float(high)
-    span = high - low
-    narrowest = max(1e-12 * max(abs(low), abs(high)), 1e-300)
-    if not narrowest < span < 1e301:
-        return [low, high]
-
-    # the shortest step with few enough multiples in the range
-    power = 10.0 ** np.floor(np.log10(span / max(most, 1)))
-    if is_whole:
-        power = max(power, 1.0)
-    for factor in (1.0, 2.0, 5.0, 10.0, 20.0, 50.0):
-        step = power * factor
-        first = int(np.ceil(low / step - 1e-9))
-        last = int(np.floor(high / step + 1e-9))
-        if last - first < most:
-            break
-    return [number * step for number in range(first, last + 1)]
 
 
 def labels(values: list[float]) -> list[str]:

@@ -132,7 +132,8 @@ class SharedKeywords(TypedDict, total=False):
     lit: bool | None
     """Shade all objects with the lights, or none."""
     contours: Contours | Mapping[str, Any] | ArrayLike | None
-    """N contour lines, or lines at given values; :labels writes the values on them."""
+    """N contour lines, or lines at given values; :round draws at most N at round values, :labels writes the values
+    on them."""
     mesh_lines: MeshLines | Mapping[str, Any] | bool | None
     """Draw the borders of elements."""
     lic: Lic | Mapping[str, Any] | bool | None
@@ -195,7 +196,8 @@ class SharedKeywords(TypedDict, total=False):
     """Ends of the colour map: two values, visible (in the picture), all (certified bounds) or series (over all
     steps)."""
     levels: Contours | Mapping[str, Any] | ArrayLike | None
-    """N contour lines, or lines at given values; :labels writes the values on them."""
+    """N contour lines, or lines at given values; :round draws at most N at round values, :labels writes the values
+    on them."""
     isosurfaces: Isosurface | Mapping[str, Any] | ArrayLike | Sequence[Isosurface | str] | None
     """Isosurface(s) of quantity Q at value(s) V; Q defaults to --field."""
     show_edges: MeshLines | Mapping[str, Any] | bool | None

@@ -13,7 +13,8 @@ import numpy as np
 from elvis.core.arrays import Bools, Floats
 from elvis.scene import Camera
 from elvis.scene.frame import Frame
-from elvis.scene.picture import labels, ticks
+from elvis.scene.palette import ticks
+from elvis.scene.picture import labels
 from elvis.scene.view import View
 
 #: how near to 1 a component of a direction along an axis is

@@ -38,6 +38,9 @@ class Contours(Model, of="contours"):
     color: Annotated[Vector, Setting("Line colour.", **COLOR)] = (0.0, 0.0, 0.0)
     quantity: Annotated[Quantity | None, Setting("Quantity of the lines.", default="that of the style")] = None
     labels: Annotated[bool, Setting("Whether the lines are labelled with their values.")] = False
+    round: Annotated[
+        bool, Setting("Whether a count of lines lies at round values, as ticks do; then the count is the maximum.")
+    ] = False
 
     def check(self) -> None:
         """Raise SceneError unless there are either values or a count."""
@@ -74,6 +77,10 @@ class ColorBar(Model, of="a colour bar"):
         ),
     ] = None
     bands: Annotated[int | None, Setting("Number of discrete colours, each for a band of values.", ge=2, le=256)] = None
+    round: Annotated[
+        bool,
+        Setting("Whether bands of a linear scale end at round values, as ticks do; then their number is the maximum."),
+    ] = False
     ticks: Annotated[
         tuple[float, ...],
         Setting("Values of the ticks.", finite=True, expected="finite numbers", default="round values"),
@@ -129,9 +136,10 @@ class Style(Model):
         Setting(
             "Lines of equal value on the surface.",
             option="--contours",
-            metavar="N|V,V[:labels]",
+            metavar="N|V,V[:round][:labels]",
             parse="contours",
-            option_help="N contour lines, or lines at given values; :labels writes the values on them.",
+            option_help="N contour lines, or lines at given values; :round draws at most N at round values, :labels "
+            "writes the values on them.",
         ),
     ] = None
     mesh_lines: Annotated[

@@ -227,7 +227,8 @@ def _light(light: Any) -> str:
 def _contours(contours: Any) -> str:
     # values without a decimal point would be a count
     values = ",".join(map(repr, map(float, contours.values)))
-    return (values or str(contours.count)) + (":labels" if contours.labels else "")
+    how = [name for name in ("round", "labels") if getattr(contours, name)]
+    return ":".join([values or str(contours.count), *how])
 
 
 def _bar(bar: Any) -> str:

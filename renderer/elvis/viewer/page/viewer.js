@@ -146,6 +146,8 @@ const LINES = { seeds: ["direction", "wall", "velocity"], look: ["radius", "widt
 //: kinds of seeds, and the fields of their texts
 const SEEDS = { random: [["count", "count"]], line: [["from", "point"], ["to", "point"], ["count", "count"]], plane: [["point", "point"], ["normal", "point"], ["count", "count"]],
   boundary: [["name", "boundary"], ["count", "count"]], point: [["point", "point"]], elements: [] };
+//: contours that are added
+const TEN_LINES = { count: 10, round: true };
 //: settings that exclude each other in an object
 const EITHER = [["radius", "width", "ribbon"], ["values", "count"]];
 //: parts of a style that are drawn only on surfaces
@@ -169,7 +171,7 @@ class Controls {
     const usual = {
       point: this.middle(), center: this.middle(), apex: this.middle(), normal: this.axis(), axis: this.axis(),
       radius: this.extent() / 4, angle: 30, expression: this.facts?.fields?.[0] ?? "x", values: [0], count: 10,
-      contours: { count: 10 }, range: this.facts?.range ?? [0, 1], densities: [0, 1], file: "surface.stl", direction: [1, 1, 1], linear: 1e-3,
+      contours: TEN_LINES, range: this.facts?.range ?? [0, 1], densities: [0, 1], file: "surface.stl", direction: [1, 1, 1], linear: 1e-3,
       across: this.axis(), length: this.extent(), arrows: this.extent() / 10, arrow_length: this.extent() / 40, ribbon: this.extent() / 50,
       tolerance: 1e-6, font_size: 12, step: [this.extent(), 0, 0],
     };
@@ -1394,6 +1396,8 @@ const DARK = [0.086, 0.098, 0.114];
 const NUDGE = 8;
 //: colour of bodies next to other objects
 const GREY = [0.78, 0.78, 0.78];
+//: colour of lines and glyphs on 2D data
+const INK = [0.08, 0.08, 0.08];
 //: sizes of a page and its image (column, row, width and height) before either is known
 const FIRST = { size: [720, 670], image: [13, 39, 600, 600] };
 //: pixels by which a page may be smaller than its area
@@ -1416,7 +1420,7 @@ class Toggles {
     const style = (key, value) => ({ isOn: () => this.surfaces.length > 0 && this.surfaces.every((object) => object.style?.[key]), change: (on) => this.styled({ [key]: on ? value : undefined }) });
     this.all = {
       mesh: { title: "Borders of elements on surfaces", ...style("mesh_lines", {}) },
-      contours: { title: "Contour lines on surfaces", ...style("contours", { count: 10 }) },
+      contours: { title: "Contour lines on surfaces", ...style("contours", TEN_LINES) },
       LIC: { title: "Streaks along the velocity on surfaces", ...style("lic", {}) },
       light: { title: "Shade surfaces with the lights", isOn: () => this.surfaces.every((object) => object.style?.lit !== false), change: (on) => this.styled({ lit: on ? undefined : false }) },
       log: { title: "Colours by the logarithm", isOn: () => this.table.bar?.scale === "log", change: (on) => ({ bar: on ? { ...this.table.bar, scale: "log" } : this.linearBar }) },
@@ -3184,8 +3188,10 @@ class Viewer {
     await this.survey();
     if (kind in SURFACES) return this.createSurface(kind, controls);
     if (kind === "faces") return this.add({ kind: "faces", select: ["all"] }, {});
-    if (kind === "streamlines") return this.add({ kind: "streamlines", seeds: ["random:30"], direction: "both" });
-    if (kind === "glyphs") return this.add({ kind: "glyphs", points: ["random:200"] });
+    // on 2D data, whose colours are those of the field, lines and glyphs are dark
+    const isPlane = this.facts.kind === "plane", dark = isPlane ? { style: { color: INK } } : {};
+    if (kind === "streamlines") return this.add({ kind: "streamlines", seeds: ["random:30"], direction: "both", ...(isPlane ? { width: 1.5 } : {}), ...dark });
+    if (kind === "glyphs") return this.add({ kind: "glyphs", points: ["random:200"], ...dark });
     const [low, high] = await this.spread();
     const middle = (low + high) / 2;
     const densities = [0, 0, 4 / controls.extent(this.facts.box)];

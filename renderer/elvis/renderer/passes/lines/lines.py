@@ -279,11 +279,6 @@ def line_coverage(distance: Floats, width: float) -> Floats:
     return np.clip(0.5 * width + 0.5 - distance, 0.0, min(1.0, width))
 
 
-def levels(low: float, high: float, count: int) -> Floats:
-    """(count,) contour values that part the range from ``low`` to ``high`` evenly, none at its ends."""
-    return np.linspace(low, high, count + 2)[1:-1]
-
-
 def _check(holds: bool, otherwise: str) -> None:
     if not holds:
         raise SceneError(otherwise)
