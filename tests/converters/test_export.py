@@ -1,5 +1,6 @@
 """Exports: what VTK and Gmsh themselves find in the files is what was written."""
 
+import struct
 from dataclasses import replace
 from itertools import pairwise
 
@@ -10,6 +11,8 @@ from elvis import ElvisError, read, write
 from elvis.converters.exporting import exported
 from elvis.converters.gmsh import Gmsh
 from elvis.converters.gmsh_export import GmshTarget
+from elvis.converters.point_export import PointTarget
+from elvis.converters.tecplot_export import TecplotTarget
 from elvis.converters.vtk import Vtk
 from elvis.converters.vtk_export import VtkTarget
 from elvis.core.dataset import Dataset
@@ -19,6 +22,9 @@ from elvis.core.sampling import sample
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, scattered, shuffled
 from elvis.plugins.converting import convert
+
+#: the library's number of linear hexahedra
+VTK_HEXAHEDRON = 12
 
 FUNCTIONS = {"u": lambda x: x[:, 0] ** 2 + x[:, 1] * x[:, 2], "jump": lambda x: np.sin(3 * x[:, 0] - x[:, 1])}
 
@@ -123,7 +129,73 @@ def test_gmsh_itself_finds_the_values(elvis, tmp_path):
     assert np.abs(found - values).max() < 1e-11
 
 
-@pytest.mark.parametrize("target", [VtkTarget, GmshTarget])
+def test_vtk_reads_tecplot_text(elvis, tmp_path):
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkIOGeometry import vtkTecplotReader
+
+    paths = write(with_fields(mixed_volume(3), 4), tmp_path / "a.xml")
+    elvis("export", *paths, "-o", tmp_path / "a.dat")
+    reader = vtkTecplotReader()
+    reader.SetFileName(str(tmp_path / "a.dat"))
+    reader.Update()
+    zones = [reader.GetOutput().GetBlock(number) for number in range(reader.GetOutput().GetNumberOfBlocks())]
+    assert len(zones) == 4
+    assert {zone.GetCellType(0) for zone in zones} == {VTK_HEXAHEDRON}
+    places = np.concatenate([vtk_to_numpy(zone.GetPoints().GetData()) for zone in zones])
+    u = np.concatenate([vtk_to_numpy(zone.GetPointData().GetArray("u")) for zone in zones])
+    # VTK keeps single precision
+    assert np.abs(u - FUNCTIONS["u"](places)).max() < 1e-6
+
+
+def test_tecplot_binary_ends_with_values_and_cells(elvis, tmp_path):
+    """The values of each variable at all points, then the points of cells, as the format's guide orders them."""
+    data = with_fields(grid(Shape.TRIANGLE, 2), 4)
+    paths = write(data, tmp_path / "a.xml")
+    elvis("export", *paths, "-o", tmp_path / "a.plt")
+    binary = (tmp_path / "a.plt").read_bytes()
+    assert binary[:16] == b"#!TDV112" + struct.pack("<ii", 1, 0)
+    points, cells = 8 * 16, 8 * 9
+    end = len(binary) - 16 * cells
+    corners = np.frombuffer(binary[end:], np.int32).reshape(cells, 4)
+    x, y, u, jump = np.frombuffer(binary[end - 32 * points : end]).reshape(4, points)
+    ends = np.frombuffer(binary[end - 32 * points - 64 : end - 32 * points]).reshape(4, 2)
+    assert np.array_equal(ends, [(own.min(), own.max()) for own in (x, y, u, jump)])
+    assert np.abs(u - x**2).max() < 1e-14
+    # the quadrilaterals cover the square
+    shifted = np.roll(corners, -1, axis=1)
+    area = (x[corners] * y[shifted] - x[shifted] * y[corners]).sum(axis=1) / 2
+    assert area.sum() == pytest.approx(1, rel=1e-14)
+    assert area.min() > 0
+
+
+def test_linear_cells_converge_with_their_number():
+    losses = {
+        order: exported(with_fields(MESHES["plane"](), 4), None, order, TecplotTarget()).losses for order in (7, 14, 28)
+    }
+    for early, late in ((7, 14), (14, 28)):
+        for coarse, fine in zip(losses[early], losses[late], strict=True):
+            assert fine.relative < coarse.relative / 3
+
+
+def test_points_determine_the_fields(elvis, tmp_path):
+    """As many points in each direction as a polynomial has coefficients, inside their elements."""
+    data = with_fields(grid(Shape.TRIANGLE, 1), 3)
+    paths = write(data, tmp_path / "a.xml")
+    for name in ("a.csv", "a.pts"):
+        elvis("export", *paths, "-o", tmp_path / name)
+    table = np.genfromtxt(tmp_path / "a.csv", delimiter=",", names=True)
+    assert table.dtype.names == ("x", "y", "z", "u", "jump", "element")
+    assert len(table) == 9 * len(np.unique(table["element"]))
+    places = np.stack([table[axis] for axis in "xyz"], axis=1)
+    assert np.abs(table["u"] - sample(data, ["u"], places).values[:, 0]).max() < 1e-14
+    lines = (tmp_path / "a.pts").read_text().splitlines()
+    assert lines[2] == '<POINTS DIM="2" FIELDS="u,jump">'
+    rows = np.array([line.split() for line in lines[3:-2]], float)
+    assert np.array_equal(rows[:, :2], np.stack([table["x"], table["y"]], axis=1))
+    assert np.array_equal(rows[:, 2], table["u"])
+
+
+@pytest.mark.parametrize("target", [VtkTarget, GmshTarget, PointTarget])
 def test_every_shape_and_order_is_exact(target):
     context = target()
     for shape in Shape:

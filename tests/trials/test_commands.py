@@ -119,7 +119,7 @@ $ elvis render cylinder.xml
 the data contain a mesh but no field: elements are shown in one colour
 > cylinder.png
 $ elvis export blocks.xml blocks.fld -o blocks.foo [2]
-expected a name ending in .vtu or .msh
+expected a name ending in .csv, .dat, .msh, .plt, .pts or .vtu
 
 # The command line
 

@@ -54,6 +54,10 @@ class Target(ABC):
     highest_pyramid: int
     highest_prism: int
 
+    def shape(self, shape: Shape) -> Shape:
+        """The shape of the cells that represent elements of a shape; collapsed ones have all their functions."""
+        return shape
+
     @abstractmethod
     def cell(self, shape: Shape, order: int) -> Cell:
         """The cells of a shape and order."""
@@ -74,7 +78,7 @@ class Piece:
 
     @property
     def is_collapsed(self) -> bool:
-        """Whether hexahedra represent pyramids or prisms."""
+        """Whether cells of another shape represent the elements, such as hexahedra for pyramids or prisms."""
         return self.cell.shape is not self.patch.shape
 
     @property
@@ -141,8 +145,8 @@ def left_out(dataset: Dataset, written: Collection[str] = (), *, has_time: bool 
 def _piece(patch: Patch, order: int | None, target: Target) -> Piece:
     spaces = [patch.geometry, *(own for own in patch.fields if own is not None)]
     wanted = max(max(own.modes) - 1 for own in spaces)
-    shape = patch.shape
-    if shape is Shape.PYRAMID and (wanted > target.highest_pyramid or any(_is_ortho(own) for own in spaces)):
+    shape = target.shape(patch.shape)
+    if patch.shape is Shape.PYRAMID and (wanted > target.highest_pyramid or any(_is_ortho(own) for own in spaces)):
         shape = Shape.HEXAHEDRON
         wanted = max(_vertical(own) for own in spaces)
     if shape is Shape.PRISM and min(order or wanted, target.highest) > target.highest_prism:

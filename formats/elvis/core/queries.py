@@ -5,8 +5,10 @@ from __future__ import annotations
 import csv
 import io
 import itertools
+import re
 import sys
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,11 @@ from elvis.core.errors import FormatError
 from elvis.core.files.plain import content
 
 AXES = ("x", "y", "z")
+#: columns of tables by ``elvis probe`` that are no values
+_BOOKKEEPING = ("point", "element", "status")
+#: the points of Nektar++'s .pts files
+_PTS = re.compile(r"<POINTS\b(?P<attributes>[^>]*)>(?P<numbers>.*?)</POINTS>", re.DOTALL)
+_ATTRIBUTE = re.compile(r"""(\w+)\s*=\s*(?:"([^"]*)"|'([^']*)')""")
 
 
 def points_on_line(start: Sequence[float], end: Sequence[float], count: int) -> Floats:
@@ -44,13 +51,20 @@ def points_on_plane(origin: Sequence[float], u: Sequence[float], v: Sequence[flo
 
 
 def points_in_table(path: str | Path) -> Floats:
-    """(n, 3) the points in a text table, ``-`` for standard input; missing coordinates are zero.
+    """(n, 3) the points in a text table or a .pts file, ``-`` for standard input; missing coordinates are zero.
 
     A header may name the columns; x, y and z are used; without one there are at most three columns.  Commas, semicolons
     or blanks separate; blank lines and lines that begin with # are skipped.  Raises FormatError with the line if a
     number is missing, malformed or not finite.
     """
     text = _text(path)
+    pts = _PTS.search(text)
+    if pts is not None:
+        names, numbers = _pts_columns(path, pts)
+        table = np.zeros((len(numbers), 3))
+        axes = [axis for axis in AXES if axis in names]
+        table[:, : len(axes)] = numbers[:, : len(axes)]
+        return table
     rows = _rows(text)
     first = next(rows, None)
     if first is None:
@@ -79,6 +93,80 @@ def points_in_table(path: str | Path) -> Floats:
     table = np.zeros((len(numbers), 3))
     table[:, [AXES.index(axis) for axis in columns]] = numbers
     return table
+
+
+@dataclass(frozen=True, eq=False)
+class PointValues:
+    """Values at points of a table.
+
+    axes    of the coordinates in the table, 0 to 2
+    points  (n, axes)
+    values  (n, names)
+    """
+
+    axes: tuple[int, ...]
+    points: Floats
+    names: tuple[str, ...]
+    values: Floats
+
+
+def values_in_table(path: str | Path) -> PointValues:
+    """Values at points: a text table with a header, also behind #, or a .pts file of Nektar++.
+
+    Columns x, y and z are coordinates, others values; rows with values that are not finite are skipped.  Raises
+    FormatError if there are no coordinates, no values or no rows, and with the line of a malformed number.
+    """
+    text = _text(path)
+    found = _PTS.search(text)
+    names, rows = _header_and_rows(path, text) if found is None else _pts_columns(path, found)
+    axes = [axis for axis in AXES if axis in names]
+    fields = [i for i, name in enumerate(names) if name not in (*AXES, *_BOOKKEEPING)]
+    if not axes or not fields or len(set(names)) < len(names):
+        raise FormatError(
+            f"expected columns x, y or z and values, each once, found {', '.join(names) or 'none'}", file=path
+        )
+    kept = np.isfinite(rows).all(axis=1)
+    if not kept.any():
+        raise FormatError("expected at least one row of finite numbers, found none", file=path)
+    points = rows[np.ix_(kept, [names.index(axis) for axis in axes])]
+    own = tuple(names[i] for i in fields)
+    return PointValues(tuple(map(AXES.index, axes)), points, own, rows[np.ix_(kept, fields)])
+
+
+def _header_and_rows(path: str | Path, text: str) -> tuple[list[str], Floats]:
+    """The names of columns and all numbers of a text table."""
+    lines = [line.strip() for line in io.StringIO(text, newline=None)]
+    first = next((i for i, line in enumerate(lines) if line.lstrip("# ")), len(lines))
+    if first == len(lines):
+        raise FormatError("expected a header and rows of numbers, found an empty file", file=path)
+    names = _cells(lines[first].lstrip("# "))
+    names = [name.lower() if name.lower() in AXES else name for name in names]
+    rows = []
+    for number, line in enumerate(lines[first + 1 :], first + 2):
+        if not line or line.startswith("#"):
+            continue
+        cells = [_number(cell) for cell in _cells(line)]
+        if len(cells) != len(names) or None in cells:
+            raise FormatError(f"expected {len(names)} numbers, found {line[:60]}", file=path, place=f"line {number}")
+        rows.append(cells)
+    return names, np.array(rows, np.float64).reshape(len(rows), len(names))
+
+
+def _pts_columns(path: str | Path, found: re.Match[str]) -> tuple[list[str], Floats]:
+    """The names of columns and all numbers of a .pts file."""
+    attributes = {name.upper(): a or b for name, a, b in _ATTRIBUTE.findall(found["attributes"])}
+    dimension = attributes.get("DIM", "")
+    if dimension not in ("1", "2", "3"):
+        raise FormatError(f"expected DIM from 1 to 3, found {dimension!r}", file=path)
+    fields = [name.strip() for name in attributes.get("FIELDS", "").split(",") if name.strip()]
+    names = [*AXES[: int(dimension)], *fields]
+    try:
+        numbers = np.array(found["numbers"].split(), np.float64)
+    except ValueError as error:
+        raise FormatError(f"expected numbers in POINTS, found something else ({error})", file=path) from None
+    if len(numbers) % len(names):
+        raise FormatError(f"expected a multiple of {len(names)} numbers in POINTS, found {len(numbers)}", file=path)
+    return names, numbers.reshape(-1, len(names))
 
 
 def _plain_numbers(text: str, is_headed: bool, count: int) -> Floats | None:

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.conversion_errors import REPORT
-from elvis.core.dataset import MAP_FIELDS, Block, Dataset, Field
+from elvis.core.dataset import MAP_FIELDS, Dataset, Field
 from elvis.core.errors import ElvisError
 from elvis.core.integrals.reference_cells import Piece
 from elvis.core.patch import Patch
@@ -32,15 +32,12 @@ from elvis.core.quantities.expression_nets import degree_on
 from elvis.core.quantities.tree import Node, fold, whole_exponent
 from elvis.core.shapes import Shape
 from elvis.plugins.common_blocks import on_common_blocks
-from elvis.plugins.conversion import Converter, Elements, PyramidSpace, SourceField
-from elvis.plugins.converting import Settings, projected
+from elvis.plugins.conversion import Elements, PyramidSpace, SourceField
+from elvis.plugins.converting import Settings
+from elvis.plugins.field_passes import DatasetSource, FieldPass, blocks_of
 from elvis.plugins.projection.adaptivity import ORDERS_BEYOND
-from elvis.plugins.projection.choosing import ChosenOrders
 from elvis.plugins.projection.fitting import FieldFit
-from elvis.plugins.projection.measuring import measure
-from elvis.plugins.projection.projecting import Projection
-from elvis.plugins.projection.sampling import Sampler
-from elvis.plugins.projection.verification import Maps, Tally
+from elvis.plugins.projection.verification import Tally
 from elvis.plugins.report import Measure, RecordedReport, Report
 from elvis.plugins.reporting import measures_of_fields
 
@@ -93,7 +90,7 @@ def add_quantities(
     """The dataset with several quantities, which are all made of its own fields (see `with_quantity`)."""
     named = parse_quantities(dataset, quantities)
     source = QuantitySource(dataset, named)
-    passes = [_Pass(source, fields, settings) for fields, settings in _settings(source, order, tolerance) if fields]
+    passes = [FieldPass(source, fields, settings) for fields, settings in _settings(source, order, tolerance) if fields]
     pairs = [pair for own in passes for pair in zip(own.projection.fields, own.projection.findings.fields, strict=True)]
     in_order = [pair for name in named for pair in pairs if pair[0].field.name == name]
     _check_finite(in_order)
@@ -101,7 +98,7 @@ def add_quantities(
         tally.terms = source.terms_of(fit.field.name)
     fitted, tallies = [fit for fit, _ in in_order], [tally for _, tally in in_order]
     measures = tuple(measures_of_fields(fitted, tallies, source))
-    fields = [Field(own.name, _blocks(passes, own.name), own.is_continuous) for own in measures]
+    fields = [Field(own.name, blocks_of(passes, own.name), own.is_continuous) for own in measures]
     whole = on_common_blocks(replace(dataset, fields=(*dataset.fields, *fields)))
     remarks = (
         *whole.remarks,
@@ -148,7 +145,7 @@ def _parsed(text: str, names: Names) -> tuple[str, Expression]:
     return name, Expression.parse(quantity if sign else name, names)
 
 
-class QuantitySource(Converter):
+class QuantitySource(DatasetSource):
     """Expressions of a dataset as the fields of a source that has the dataset's mesh.
 
     degrees  of each quantity on each block; None where it is not known to be a polynomial
@@ -309,20 +306,6 @@ def _settings(source: QuantitySource, order: int | None, tolerance: float) -> li
     return [(exact, Settings()), (others, Settings(tolerance=tolerance, order=None))]
 
 
-class _Pass:
-    """The projection of some fields with some settings."""
-
-    def __init__(self, source: QuantitySource, fields: Sequence[SourceField], settings: Settings) -> None:
-        sampler, maps = Sampler(source), Maps(source.dataset)
-        held = [any(own.is_on(i) for own in fields) for i in range(len(source.blocks))]
-        orders = ChosenOrders.of(source, fields, False)
-        plan = replace(orders.plan, blocks=tuple(own for own in orders.plan.blocks if held[own.number]))
-        found: Projection = projected(sampler, source.dataset.mesh, replace(orders, plan=plan), settings)
-        first = None if source.dataset.map_names else found.findings
-        findings = measure(sampler, maps, found.blocks, found.fields, first)
-        self.projection = replace(found, findings=findings)
-
-
 def _check_finite(pairs: Sequence[tuple[FieldFit, Tally]]) -> None:
     """ElvisError for a quantity that has no finite value somewhere."""
     for fit, tally in pairs:
@@ -330,18 +313,6 @@ def _check_finite(pairs: Sequence[tuple[FieldFit, Tally]]) -> None:
         if len(ids):
             few = ", ".join(map(str, ids[:4].tolist())) + (", …" if len(ids) > 4 else "")
             raise ElvisError(f"{fit.field.name}: expected finite values, found others in {len(ids)} elements: {few}")
-
-
-def _blocks(passes: Sequence[_Pass], name: str) -> tuple[Block, ...]:
-    """The blocks of a field from all projections."""
-    found = []
-    for own in passes:
-        for fit in own.projection.fields:
-            for block, modes, coefficients in zip(own.projection.blocks, fit.modes, fit.coefficients, strict=True):
-                if fit.field.name == name and modes:
-                    values = frozen_floats(coefficients)
-                    found.append(Block(block.expansion(modes), frozen_ints(block.ids), values))
-    return tuple(found)
 
 
 def with_errors(dataset: Dataset, measures: Sequence[Measure]) -> Mapping[str, str]:

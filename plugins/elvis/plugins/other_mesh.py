@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -16,7 +17,8 @@ from elvis.core.mapping.inverse import Status
 from elvis.core.mapping.locate import Location, Locator
 from elvis.core.patch import patches
 from elvis.core.quantities.element_points import ElementPoints
-from elvis.plugins.conversion import Converter, Elements, SourceField
+from elvis.plugins.conversion import Elements, SourceField
+from elvis.plugins.field_passes import DatasetSource
 
 #: treatments of points outside the source, apart from a number
 OUTSIDE = ("error", "nan", "nearest")
@@ -26,7 +28,42 @@ _OFF_BORDERS = 1e-12
 _INWARDS = 1e-9
 
 
-class OtherMesh(Converter):
+class OnMesh(DatasetSource):
+    """The elements of a target, with fields that are given at places; the key of each field is its number."""
+
+    @classmethod
+    def opens(cls, paths: Sequence[Path]) -> bool:
+        """No files."""
+        return False
+
+    def __init__(self, target: Dataset) -> None:
+        self.dataset, self.mesh, self.own = target, target.mesh, patches(target)
+        self.blocks = [
+            Elements(own.shape, len(own), max(own.geometry.modes) - 1, ids=own.element_ids, key=number)
+            for number, own in enumerate(self.own)
+        ]
+
+    @abstractmethod
+    def values_at(self, places: Floats) -> Floats:
+        """Values (fields, n) at world points (n, 3)."""
+
+    def positions(self, block: Elements, points: Floats) -> Floats:
+        """The map of the target."""
+        return self._places(block, points).reshape(len(block), len(points), 3)
+
+    def sample(self, block: Elements, field: SourceField, points: Floats) -> Floats:
+        """The values of the source there; on borders those from inside, where the source may jump."""
+        inner = points + _OFF_BORDERS * (block.shape.vertices.mean(axis=0) - points)
+        values = self.values_at(self._places(block, inner))[field.key]
+        return np.asarray(values.reshape(len(block), len(points)))
+
+    def _places(self, block: Elements, points: Floats) -> Floats:
+        patch = self.own[block.key]
+        rows = np.repeat(np.arange(len(patch))[block.rows], len(points))
+        return ElementPoints(patch, rows, np.tile(points, (len(block), 1))).positions
+
+
+class OtherMesh(OnMesh):
     """The elements of a target, with the fields of a source at their places.
 
     is_affine  for each patch of the source which of its elements (n,) have affine maps
@@ -34,14 +71,10 @@ class OtherMesh(Converter):
 
     format = "fields of another mesh"
 
-    @classmethod
-    def opens(cls, paths: Sequence[Path]) -> bool:
-        """No files."""
-        return False
-
     def __init__(
         self, source: Dataset, target: Dataset, order: int | None, outside: str, fields: Sequence[str] | None
     ) -> None:
+        super().__init__(target)
         known = [own.name for own in source.solution]
         for name in fields or ():
             if name not in known:
@@ -49,18 +82,13 @@ class OtherMesh(Converter):
         self._names = known if fields is None else [name for name in known if name in fields]
         if not self._names:
             raise ElvisError("--onto: expected fields to project, found none")
-        self._outside = _parsed(outside)
-        self._source, self.mesh = source, target.mesh
+        self._outside = outside_rule(outside)
+        self._source = source
         self._patches = patches(source, self._names)
-        self.own = patches(target)
         if any(patch.homogeneous for patch in self._patches):
             raise ElvisError("--onto: expected data without Fourier directions")
         self._locator = Locator(self._patches)
         self.is_affine = [Piece(own, np.arange(len(own)), own.shape).is_affine for own in self._patches]
-        self.blocks = [
-            Elements(own.shape, len(own), max(own.geometry.modes) - 1, ids=own.element_ids, key=number)
-            for number, own in enumerate(self.own)
-        ]
         self.fields = [
             SourceField(name, order or self._degree(i), False, False, i) for i, name in enumerate(self._names)
         ]
@@ -77,20 +105,9 @@ class OtherMesh(Converter):
         """The highest of any field."""
         return max(self._degree(number) for number in range(len(self._names)))
 
-    def positions(self, block: Elements, points: Floats) -> Floats:
-        """The map of the target."""
-        return self._places(block, points).reshape(len(block), len(points), 3)
-
-    def sample(self, block: Elements, field: SourceField, points: Floats) -> Floats:
-        """The values of the source there; on borders those from inside, where the source may jump."""
-        inner = points + _OFF_BORDERS * (block.shape.vertices.mean(axis=0) - points)
-        values = self.at(self._places(block, inner))[1][field.key]
-        return np.asarray(values.reshape(len(block), len(points)))
-
-    def _places(self, block: Elements, points: Floats) -> Floats:
-        patch = self.own[block.key]
-        rows = np.repeat(np.arange(len(patch))[block.rows], len(points))
-        return ElementPoints(patch, rows, np.tile(points, (len(block), 1))).positions
+    def values_at(self, places: Floats) -> Floats:
+        """The values of the source."""
+        return self.at(places)[1]
 
     def locate(self, places: Floats) -> Location:
         """Locations of world points (n, 3) in the source."""
@@ -142,7 +159,7 @@ class OtherMesh(Converter):
         return found
 
 
-def _parsed(outside: str) -> str:
+def outside_rule(outside: str) -> str:
     """One of OUTSIDE, or a number; ElvisError for others."""
     if outside in OUTSIDE:
         return outside

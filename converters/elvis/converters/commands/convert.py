@@ -32,6 +32,7 @@ Examples:
   elvis convert case.h5 -o case.xml --json --max-error 1e-10
   elvis convert wing.xml wing.fld --add "Cp=2*(p-1)" --add vorticity_z -o cp.fld     quantities as fields
   elvis convert a.xml a.fld --onto b.xml -o on_b.fld                                 L2 projection onto another mesh
+  elvis convert points.csv --onto b.xml --order 4 -o on_b.fld                        values at scattered points
   elvis convert a.xml a.fld --stream-function -o psi.fld                             for contours that are streamlines
   elvis convert a.xml a.fld --plane 2 -o cosine.xml                                  one plane of Fourier coefficients
   elvis convert a.xml a.fld --add vorticity --continuous -o smooth.fld               without jumps, same integrals
@@ -117,7 +118,16 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
     "--onto",
     metavar="FILE,…",
     help="Project the fields onto the elements of another mesh in L2, at --order; prints errors, integrals before and "
-    "after, and the share of the mesh that is covered.",
+    "after, and the share of the mesh that is covered.  FILES may be a table of points, .csv or .pts, with columns x, "
+    "y, z and values.",
+)
+@click.option(
+    "--interpolation",
+    type=click.Choice(["linear", "spline", "nearest"]),
+    default="linear",
+    show_default=True,
+    help="Values between the points of a table: linear on Delaunay simplices, thin plate splines (cubic ones in one "
+    "coordinate), or those of the nearest point.",
 )
 @click.option(
     "--outside",
@@ -316,6 +326,7 @@ def _results(
     reference: dict[str, float],
     onto: str | None,
     outside: str,
+    interpolation: str,
     **options: Any,
 ) -> tuple[Dataset, Report]:
     """The data to write before they are made continuous, and the errors of the conversion and of added quantities.
@@ -331,7 +342,7 @@ def _results(
     if onto is not None:
         if added or renames or others or options["tolerance"] is not None:
             raise ElvisError("--onto: expected no --add, --rename, --other and --tolerance; convert twice")
-        return _projected(files, tuple(map(Path, onto.split(","))), outside, options)
+        return _projected(files, tuple(map(Path, onto.split(","))), outside, interpolation, options)
     if not (added or renames or others or is_of_fields):
         conversion = _converted(files, **options)
         return conversion.dataset, conversion.report
@@ -349,24 +360,29 @@ def _results(
 
 
 def _projected(
-    files: tuple[Path, ...], onto: tuple[Path, ...], outside: str, options: dict[str, Any]
+    files: tuple[Path, ...], onto: tuple[Path, ...], outside: str, interpolation: str, options: dict[str, Any]
 ) -> tuple[Dataset, Report]:
-    """The fields on the mesh of other files."""
+    """The fields, or the values of a table of points, on the mesh of other files."""
     from elvis.core.terminal import note
     from elvis.plugins.data import Reading, dataset_of
     from elvis.plugins.onto_mesh import onto_mesh, report_of_transfer
+    from elvis.plugins.scattered_points import is_point_table, points_onto_mesh
 
+    fields = options["fields"]
+    names = None if fields is None else [part.strip() for part in fields.split(",")]
+    target = dataset_of(onto, Reading())
+    if is_point_table(files):
+        for remark in target.remarks:
+            note(remark)
+        return points_onto_mesh(files[0], target, options["order"], outside, interpolation, names)
     asked = dict(options["pairs"])
     if options["name"] is not None:
         asked["from"] = options["name"]
     moment = Moment(time=options["time"], between=options["between"])
     plugin = None if options["plugin"] is None else str(options["plugin"])
     source = dataset_of(files, Reading(plugin, asked, moment=moment))
-    target = dataset_of(onto, Reading())
     for remark in (*source.remarks, *target.remarks):
         note(remark)
-    fields = options["fields"]
-    names = None if fields is None else [part.strip() for part in fields.split(",")]
     found = onto_mesh(source, target, options["order"], outside, names)
     return found.dataset, report_of_transfer(found, (*files, *onto))
 

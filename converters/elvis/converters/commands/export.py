@@ -34,6 +34,8 @@ Examples:
   elvis export wing.xml wing.fld -o wing.vtu              Lagrange cells, for ParaView
   elvis export wing.xml wing.fld -o wing.msh --fields p   for Gmsh
   elvis export wing.xml wing.fld -o cp.vtu --add "Cp=2*(p-1)" --add q_criterion
+  elvis export wing.xml wing.fld -o wing.plt --order 8    for Tecplot, 8 linear cells a side in each element
+  elvis export wing.xml wing.fld -o points.csv            values at Gauss points of every element
 """
 
 FILE = click.Path(path_type=Path)
@@ -42,10 +44,21 @@ FILE = click.Path(path_type=Path)
 _ROUNDING = 1e-11
 
 
-@click.command("export", epilog=EPILOG, short_help="Write data as VTK or Gmsh files, for other programs.")
+@click.command("export", epilog=EPILOG, short_help="Write data as VTK, Gmsh or Tecplot files, or as points.")
 @click.argument("data", nargs=-1, required=True, type=FILE, metavar="DATA...")
-@click.option("--output", "-o", type=FILE, required=True, help="File to write: .vtu for VTK, .msh for Gmsh.")
-@click.option("--order", type=click.IntRange(1, 10), help="Order of all cells.  [default: that of map and fields]")
+@click.option(
+    "--output",
+    "-o",
+    type=FILE,
+    required=True,
+    help="File to write: .vtu for VTK, .msh for Gmsh, .dat or .plt for Tecplot, .csv or .pts for points.",
+)
+@click.option(
+    "--order",
+    type=click.IntRange(1, 30),
+    help="Order of all cells; for Tecplot, whose cells are linear, their number a side.  [default: that of map and "
+    "fields]",
+)
 @click.option(
     "--max-error", type=float, help="Fail without output if a relative error beyond rounding exceeds this value."
 )
@@ -93,6 +106,9 @@ def export(
     Each element becomes one cell of the lowest order that contains its map and its fields, up to order 10 in VTK and 9
     in Gmsh.  Pyramids become hexahedra whose upper face is the apex, on which their functions are polynomials.  Notes
     list boundaries, regions and metadata that the format can't store.
+
+    Tecplot files hold linear cells, --order of them a side in each element, in text (.dat) or binary (.plt).  Tables of
+    points (.csv, and .pts of Nektar++) hold the values at Gauss points of every element, which determine the fields.
     """
     from functools import partial
 
@@ -104,7 +120,7 @@ def export(
     from elvis.plugins.exporting import GROUP, exporter
     from elvis.plugins.registry import plugins
 
-    _check_suffix(output, [f".{name}" for name in reversed(plugins(GROUP))])
+    _check_suffix(output, sorted(f".{name}" for name in plugins(GROUP)))
     check_places([output], data, overwrite)
     options = pairs(reader)
     fields = options.pop("fields", None) if added else None
@@ -134,9 +150,8 @@ def _with_chosen(chosen: ChosenFields, dataset: Dataset) -> Dataset:
 
 def _check_suffix(output: Path, suffixes: Sequence[str]) -> None:
     if output.suffix not in suffixes:
-        raise click.BadParameter(
-            f"expected a name ending in {' or '.join(suffixes)}, found {output}", param_hint="'-o'"
-        )
+        known = f"{', '.join(suffixes[:-1])} or {suffixes[-1]}"
+        raise click.BadParameter(f"expected a name ending in {known}, found {output}", param_hint="'-o'")
 
 
 def _names(fields: str | None) -> tuple[str, ...] | None:

@@ -1,0 +1,98 @@
+"""Export to tables of points (.csv, and .pts of Nektar++): places and values at Gauss points of every element.
+
+The points lie inside the elements, as many in each collapsed coordinate as a polynomial of the order has coefficients,
+so that they determine the fields.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from elvis.converters.exporting import Cell, Export, Target, exported, left_out
+from elvis.converters.tecplot_export import BOXES
+from elvis.core.arrays import Floats
+from elvis.core.dataset import Dataset
+from elvis.core.files.columns import write_columns
+from elvis.core.files.output import replacing
+from elvis.core.integrals.reference_cells import box_rule
+from elvis.core.polynomials.quadrature import gauss
+from elvis.core.shapes import Shape
+from elvis.plugins.exporting import Loss
+
+
+class PointTarget(Target):
+    """Gauss points in collapsed coordinates, and the polynomials through values there."""
+
+    highest, highest_pyramid, highest_prism = 30, 0, 0
+
+    def shape(self, shape: Shape) -> Shape:
+        """The box of each dimension."""
+        return BOXES[shape.dimension]
+
+    def cell(self, shape: Shape, order: int) -> Cell:
+        """The points of a product of Gauss rules."""
+        return Cell(shape, order, 0, box_rule((order + 1,) * shape.dimension)[0])
+
+    def table(self, cell: Cell, points: Floats) -> Floats:
+        """Products of Lagrange's functions."""
+        nodes = gauss(cell.order + 1)[0]
+        inverse = np.linalg.inv(np.polynomial.legendre.legvander(nodes, cell.order))
+        table = np.ones((len(points), 1))
+        for axis in range(cell.shape.dimension):
+            own = np.polynomial.legendre.legvander(points[:, axis], cell.order) @ inverse
+            table = (table[:, :, None] * own[:, None, :]).reshape(len(points), -1)
+        return table
+
+
+def export_csv(
+    dataset: Dataset,
+    names: Sequence[str] | None,
+    order: int | None,
+    path: Path,
+    report: Callable[[Sequence[Loss]], object],
+) -> list[str]:
+    """The exporter of .csv files (see `elvis.plugins.exporting.Exporter`)."""
+    found = exported(dataset, names, order, PointTarget())
+    report(found.losses)
+    ids = [np.repeat(piece.patch.element_ids, len(piece.cell.nodes)) for piece in found.pieces]
+    write_columns(path, {**_columns(found, 3), "element": np.concatenate(ids)})
+    return left_out(dataset, has_time=False)
+
+
+def export_pts(
+    dataset: Dataset,
+    names: Sequence[str] | None,
+    order: int | None,
+    path: Path,
+    report: Callable[[Sequence[Loss]], object],
+) -> list[str]:
+    """The exporter of .pts files (see `elvis.plugins.exporting.Exporter`)."""
+    found = exported(dataset, names, order, PointTarget())
+    report(found.losses)
+    with replacing(path) as temporary, temporary.open("w", encoding="utf-8") as file:
+        file.writelines(_pts_lines(_columns(found, dataset.mesh.space), dataset.mesh.space))
+    return left_out(dataset, has_time=False)
+
+
+def _columns(export: Export, space: int) -> dict[str, Floats]:
+    """Coordinates and fields by name; nan for elements without a field."""
+    places = np.concatenate([piece.places.reshape(-1, 3) for piece in export.pieces])
+    columns = dict(zip("xyz", places.T[:space], strict=False))
+    for number, name in enumerate(export.names):
+        parts = [piece.values[number] for piece in export.pieces]
+        counts = [piece.places.shape[:2] for piece in export.pieces]
+        held = [np.full(count, np.nan) if own is None else own for own, count in zip(parts, counts, strict=True)]
+        columns[name] = np.concatenate([own.reshape(-1) for own in held])
+    return columns
+
+
+def _pts_lines(columns: dict[str, Floats], space: int) -> Iterator[str]:
+    fields = ",".join(list(columns)[space:])
+    yield f'<?xml version="1.0" encoding="utf-8" ?>\n<NEKTAR>\n<POINTS DIM="{space}" FIELDS={quoteattr(fields)}>\n'
+    for row in zip(*(own.tolist() for own in columns.values()), strict=True):
+        yield " ".join(map(repr, row)) + "\n"
+    yield "</POINTS>\n</NEKTAR>\n"
