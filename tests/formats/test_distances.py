@@ -151,6 +151,22 @@ def test_the_velocity_fitted_to_a_flat_wall_has_the_cartesian_components():
     assert np.isnan(evaluated(dataset, points, ["u_bfc(floor)"])).all()
 
 
+def test_the_indicator_of_a_box(tmp_path):
+    """Distances to the faces of a box of half the cube's size, in closed form; without a face it isn't closed."""
+    box = trimesh.creation.box((0.5, 0.5, 0.5), trimesh.transformations.translation_matrix((0.5, 0.5, 0.5)))
+    box.export(tmp_path / "box.stl")
+    box.update_faces(np.arange(10))
+    box.export(tmp_path / "open.stl")
+    dataset = Dataset(grid(Shape.HEXAHEDRON, 1))
+    points = np.array([[0.5, 0.5, 0.5], [0.5, 0.5, 0.75], [0.5, 0.95, 0.5], [0.3, 0.5, 0.5]])
+    found = evaluated(dataset, points, [f"indicator('{tmp_path / 'box.stl'}', 0.1)"])[:, 0]
+    distances = np.array([-0.25, 0, 0.2, -0.05])
+    assert found == pytest.approx((1 - np.tanh(distances / 0.1)) / 2, abs=1e-12)
+    for scale, file, sentence in ((0.1, "open.stl", "expected a closed surface"), (0, "box.stl", "a positive scale")):
+        with pytest.raises(ElvisError, match=sentence):
+            Expression.of(dataset, f"indicator('{tmp_path / file}', {scale})")
+
+
 def floor_of(mesh):
     """Ids of the faces in the plane z = 0."""
     faces, edges = mesh.of(Shape.QUADRILATERAL), mesh.of(Shape.SEGMENT)
@@ -306,6 +322,8 @@ def test_distances_are_lipschitz_continuous():
         ("d(d(distance(all), x), y)", "there is no derivative of d(distance(all),x)"),
         ("u_bfc(all)", "the data lack a velocity"),
         ("bfc_dir0_x(all, 0, 1)", "expected three numbers after all, such as bfc_dir0_x(all, 0, 1, 0)"),
+        ("indicator(all, 0.1)", "expected a file of triangles in quotes, found the boundary all"),
+        ("indicator(all)", "expected one number after all, such as indicator(all, 0.1)"),
         ("bfc_dir0_x(all, 0, 0, 0)", "expected a vector across the plane or, in 3D, any but zero"),
     ],
 )

@@ -20,7 +20,7 @@ from elvis.core.conversion_errors import REPORT
 from elvis.core.dataset import MAP_FIELDS, Dataset, Field
 from elvis.core.errors import ElvisError
 from elvis.core.integrals.reference_cells import Piece
-from elvis.core.patch import Patch
+from elvis.core.patch import Patch, patches
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.expansion import mode_count
 from elvis.core.polynomials.interpolation import modified
@@ -332,8 +332,14 @@ def recorded_facts(metadata: Mapping[str, str]) -> dict[str, Any]:
     return {"fields": {}, **recorded.facts}
 
 
+def unchanged_map(dataset: Dataset) -> Measure:
+    """The error of the map of a dataset's own elements, with its order."""
+    order = max((max(patch.geometry.modes) - 1 for patch in patches(dataset, ())), default=1)
+    return replace(EXACT_MAP, order=order)
+
+
 def report_of_quantities(dataset: Dataset, measures: Sequence[Measure], files: Sequence[Path]) -> Report:
     """The report of quantities that became fields of a dataset with an unchanged mesh."""
     counts = {shape.label.lower(): len(entities) for shape, entities in dataset.mesh.elements.items()}
     names = tuple(file.name for file in files)
-    return Report(QuantitySource.format, names, counts, EXACT_MAP, (0.0, -1), False, tuple(measures), {})
+    return Report(QuantitySource.format, names, counts, unchanged_map(dataset), (0.0, -1), False, tuple(measures), {})

@@ -12,7 +12,7 @@ from elvis.core.arrays import frozen_floats, frozen_ints
 from elvis.core.dataset import Block, Dataset, Field
 from elvis.core.errors import ElvisError
 from elvis.core.integrals import integrate
-from elvis.plugins.added_quantities import EXACT_MAP, with_errors
+from elvis.plugins.added_quantities import unchanged_map, with_errors
 from elvis.plugins.common_blocks import on_common_blocks
 from elvis.plugins.element_projection import ElementProjection
 from elvis.plugins.other_mesh import OtherMesh
@@ -126,7 +126,17 @@ def report_of_transfer(found: Transfer, files: Sequence[Path]) -> Report:
         "integrals": {own.name: {"before": own.before, "after": _finite(own.after)} for own in found.integrals},
     }
     listed = {"not finite": found.not_finite}
-    report = Report(OtherMesh.format, names, counts, EXACT_MAP, (0.0, -1), False, found.measures, listed, tuple(notes))
+    report = Report(
+        OtherMesh.format,
+        names,
+        counts,
+        unchanged_map(found.dataset),
+        (0.0, -1),
+        False,
+        found.measures,
+        listed,
+        tuple(notes),
+    )
     return replace(report, transfer=transfer)
 
 

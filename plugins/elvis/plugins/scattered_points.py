@@ -17,7 +17,7 @@ from elvis.core.arrays import Bools, Floats
 from elvis.core.dataset import Dataset, Field
 from elvis.core.errors import ElvisError
 from elvis.core.queries import AXES, PointValues, values_in_table
-from elvis.plugins.added_quantities import EXACT_MAP, with_errors
+from elvis.plugins.added_quantities import unchanged_map, with_errors
 from elvis.plugins.common_blocks import on_common_blocks
 from elvis.plugins.conversion import SourceField
 from elvis.plugins.converting import Settings
@@ -68,7 +68,7 @@ def points_onto_mesh(
     dataset = on_common_blocks(replace(bare, metadata=with_errors(bare, measures)))
     counts = {shape.label.lower(): len(entities) for shape, entities in target.mesh.elements.items()}
     notes = (*source.notes(), *_left_out(table, kind))
-    report = Report(source.format, (file.name,), counts, EXACT_MAP, (0.0, -1), False, measures, {}, notes)
+    report = Report(source.format, (file.name,), counts, unchanged_map(dataset), (0.0, -1), False, measures, {}, notes)
     return dataset, report
 
 

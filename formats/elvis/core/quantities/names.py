@@ -21,6 +21,7 @@ from elvis.core.quantities.configurations import derivative_before
 from elvis.core.quantities.derived import DERIVED, derived_rate
 from elvis.core.quantities.element_sides import SIDES
 from elvis.core.quantities.flows import PUBLIC, Flow
+from elvis.core.quantities.indicators import indicator
 from elvis.core.quantities.reference_values import REFERENCE, noted_values, over
 from elvis.core.quantities.tree import AXES, MEASURES, TIME, Node, attribute, coordinate, field, number
 
@@ -165,6 +166,10 @@ class Names:
                 )
             check_plain(target)
         return attribute(f"distance({target})")
+
+    def indicator(self, target: str, scale: float) -> Node:
+        """The smoothed indicator of a closed file of triangles; raises ElvisError for others."""
+        return indicator(self.distance(target), target, scale)
 
     def body_fitted(self, name: str, target: str, assist: Sequence[float]) -> Node:
         """A component of the velocity, or of a direction, at a wall; raises ElvisError if there is none."""

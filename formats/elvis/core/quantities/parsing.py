@@ -13,6 +13,7 @@ A predefined quantity takes parameters of the flow by name: mach(gamma=1.3).  In
 - abs(E), arg(E), real(E), imag(E) and real(E, degrees) of a complex field, amplitude(E) also of a complex vector
 - distance(b), the distance to a boundary, by name, number or as "all", or to the triangles of a file, whose name is
   quoted
+- indicator(b, s), the smoothed indicator of a closed file of triangles at the scale s
 - u_bfc(b), v_bfc(b), w_bfc(b) and their directions bfc_dir0_x(b), …, with the assisting vector as three numbers after
   b (see `body_fitted`)
 
@@ -54,7 +55,7 @@ from elvis.core.quantities.tree import (
 #: functions that inspect their arguments, and their numbers of operands
 SPECIAL = {"d": 2, "grad": 1, "laplacian": 1, **dict.fromkeys((*MEASURES, *DERIVED), 1), "distance": 1}
 #: functions of a boundary
-AT_WALLS = ("distance", *VELOCITIES, *DIRECTIONS)
+AT_WALLS = ("distance", "indicator", *VELOCITIES, *DIRECTIONS)
 
 T = TypeVar("T")
 
@@ -90,6 +91,8 @@ class Scope(Protocol):
     def unknown(self, name: str) -> str: ...  # noqa: D102
 
     def distance(self, target: str) -> Node: ...  # noqa: D102
+
+    def indicator(self, target: str, scale: float) -> Node: ...  # noqa: D102
 
     def body_fitted(self, name: str, target: str, assist: Sequence[float]) -> Node: ...  # noqa: D102
 
@@ -253,19 +256,29 @@ class Parser(Grammar[Node]):
         self._next += 1
         target = text[1:-1] if kind == "quoted" else text
         self._guard(lambda: self._names.distance(target))
-        assist: list[float] = []
-        while name != "distance" and len(assist) < len(AXES) and self._take(","):
-            value = self._sum()
-            if value.op != "number":
-                raise self._mistaken(f"expected three numbers after {target}, such as {name}({target}, 0, 1, 0)", first)
-            assist.append(value.value)
-        if len(assist) not in (0, len(AXES)):
-            raise self._unexpected(f"three numbers after {target}, such as {name}({target}, 0, 1, 0)")
+        numbers = self._numbers_after(name, target, first)
         if not self._take(")"):
             raise self._unexpected(") after a boundary, or quotes around a file")
         if name == "distance":
             return self._names.distance(target)
-        return self._guard(lambda: self._names.body_fitted(name, target, assist or ASSIST), first)
+        if name == "indicator":
+            return self._guard(lambda: self._names.indicator(target, numbers[0]), first)
+        return self._guard(lambda: self._names.body_fitted(name, target, numbers or ASSIST), first)
+
+    def _numbers_after(self, name: str, target: str, first: int) -> list[float]:
+        """Numbers after a boundary: one after that of an indicator, an assisting vector or none after others."""
+        count, words = (1, "one number") if name == "indicator" else (len(AXES), "three numbers")
+        example = "0.1" if name == "indicator" else "0, 1, 0"
+        expected = f"{words} after {target}, such as {name}({target}, {example})"
+        found: list[float] = []
+        while name != "distance" and len(found) < count and self._take(","):
+            value = self._sum()
+            if value.op != "number":
+                raise self._mistaken(f"expected {expected}", first)
+            found.append(value.value)
+        if len(found) != count and (found or name == "indicator"):
+            raise self._unexpected(expected)
+        return found
 
     def _guard(self, work: Callable[[], T], first: int | None = None) -> T:
         """Result of ``work``; its errors are reported at a token."""
