@@ -8,13 +8,17 @@ import pytest
 from click.testing import CliRunner
 
 from elvis import Dataset, ElvisError, Shape, integrate, read, write
+from elvis.converters.vtk_export import export_vtu
 from elvis.core.dataset import Field, Homogeneous
 from elvis.core.polynomials.bases import Basis
 from elvis.core.quantities import Expression
+from elvis.core.quantities.evaluator import Sampler
 from elvis.core.testing import approximated, curved, grid, ripple
 from elvis.core.wall_curves import at_walls
+from elvis.plugins.added_quantities import add_quantities
 from elvis.plugins.command import elvis
 from elvis.plugins.fourier_planes import fourier_coefficients, fourier_mean
+from elvis.plugins.fourier_slabs import in_slabs
 
 PERIOD = 2.5
 
@@ -63,6 +67,74 @@ def test_bad_input_gives_one_line_errors(tmp_path, monkeypatch, words, reason):
     assert found.exit_code != 0
     assert reason in f"{found.output}{found.exception}"
     assert not (tmp_path / "b.xml").exists()
+
+
+def at_random(data, texts, count=60):
+    """Values (count, texts) at points of the prism over the middle of the square."""
+    points = np.random.default_rng(4).uniform(0.2, 0.8, (count, 3)) * (1, 1, PERIOD)
+    return Sampler(data, [Expression.of(data, text) for text in texts]).sample(points).values
+
+
+def test_quantities_keep_the_waves():
+    """Derivatives along the waves are exact; a square has shorter waves, whose part the stated error contains."""
+    found = add_quantities(spanwise(4)[0], ["uz=d(u,z)", "twice=2*u-x", "k=u^2"], order=6)
+    uz, twice, k = found.measures
+    assert uz.is_exact
+    assert twice.is_exact
+    own = at_random(found.dataset, ["uz", "d(u,z)", "twice", "2*u-x", "k", "u^2"])
+    assert np.abs(own[:, 0] - own[:, 1]).max() < 1e-11 * np.abs(own[:, 1]).max()
+    assert np.abs(own[:, 2] - own[:, 3]).max() < 1e-11
+    assert 0.05 * k.max < np.abs(own[:, 4] - own[:, 5]).max() <= k.max
+    assert "k has waves beyond those of the data" in found.dataset.remarks[-1]
+    with pytest.raises(ElvisError, match="inverse: expected finite values"):
+        add_quantities(spanwise(2)[0], ["inverse=1/(u-u)"])
+
+
+@pytest.mark.parametrize("shape", [Shape.QUADRILATERAL, Shape.TRIANGLE])
+def test_slabs_hold_the_waves(shape, tmp_path):
+    data = spanwise(4)[0] if shape is Shape.QUADRILATERAL else of_triangles()
+    coarse, fine = (in_slabs(data, count, 4) for count in (4, 8))
+    for found in (coarse, fine):
+        assert found.dataset.mesh.dimension == 3
+        assert integrate(found.dataset, "1").value == pytest.approx(PERIOD * integrate(data, "1").value / PERIOD)
+        difference = np.abs(at_random(found.dataset, ["u"]) - at_random(data, ["u"])).max()
+        assert difference <= found.report.fields[0].max
+    assert fine.report.fields[0].max < coarse.report.fields[0].max / 16
+    # the file of another program has volume elements
+    losses = []
+    export_vtu(fine.dataset, None, None, tmp_path / "a.vtu", losses.extend)
+    assert max(loss.relative for loss in losses) < 1e-12
+
+
+def of_triangles():
+    """Plane data on triangles with a cosine and a sine."""
+    mesh = grid(Shape.TRIANGLE, 2)
+    parts = [approximated(Dataset(mesh), "u", lambda p, k=k: p[:, 0] + k * p[:, 1], 3).blocks for k in range(4)]
+    waves = Homogeneous((Basis.FOURIER,), (PERIOD,), (0, 1, 2, 3))
+    blocks = [
+        replace(
+            own[0],
+            expansion=replace(own[0].expansion, homogeneous=waves),
+            coefficients=np.hstack([each.coefficients for each in own]),
+        )
+        for own in zip(*parts, strict=True)
+    ]
+    return Dataset(mesh, (Field("u", tuple(blocks)),))
+
+
+def test_the_command_extrudes(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write(spanwise(4)[0], "a.xml")
+    for words in (["--extrude", "6", "-o", "b.xml"], ["--add", "uz=d(u,z)", "-o", "c.fld"]):
+        found = CliRunner().invoke(elvis, ["convert", "a.xml", "a.fld", *words])
+        assert found.exit_code == 0, found.output
+    volume = read("b.xml", "b.fld")
+    assert len(volume.mesh.of(Shape.HEXAHEDRON)) == 24
+    found = CliRunner().invoke(elvis, ["convert", "a.xml", "a.fld", "--extrude", "6", "-o", "d.fld"])
+    assert "expected no --add and a mesh file" in f"{found.output}{found.exception}"
+    found = CliRunner().invoke(elvis, ["export", "a.xml", "a.fld", "-o", "a.vtu"])
+    assert found.exit_code == 0, found.output
+    assert "written as slabs of volume elements" in found.output
 
 
 def test_plane_data_have_no_fourier_planes(tmp_path, monkeypatch):

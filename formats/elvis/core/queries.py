@@ -60,11 +60,9 @@ def points_in_table(path: str | Path) -> Floats:
     text = _text(path)
     pts = _PTS.search(text)
     if pts is not None:
-        names, numbers = _pts_columns(path, pts)
-        table = np.zeros((len(numbers), 3))
-        axes = [axis for axis in AXES if axis in names]
-        table[:, : len(axes)] = numbers[:, : len(axes)]
-        return table
+        names, rows_of_pts = _pts_columns(path, pts)
+        count = sum(axis in names for axis in AXES)
+        return np.pad(rows_of_pts[:, :count], ((0, 0), (0, 3 - count)))
     rows = _rows(text)
     first = next(rows, None)
     if first is None:

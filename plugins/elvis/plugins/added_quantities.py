@@ -35,6 +35,7 @@ from elvis.plugins.common_blocks import on_common_blocks
 from elvis.plugins.conversion import Elements, PyramidSpace, SourceField
 from elvis.plugins.converting import Settings
 from elvis.plugins.field_passes import DatasetSource, FieldPass, blocks_of
+from elvis.plugins.fourier_slabs import has_waves
 from elvis.plugins.projection.adaptivity import ORDERS_BEYOND
 from elvis.plugins.projection.fitting import FieldFit
 from elvis.plugins.projection.verification import Tally
@@ -74,8 +75,10 @@ def with_quantity(dataset: Dataset, quantity: str, order: int | None = None, tol
     Coefficients of other fields remain unchanged.  Errors beyond rounding are stored in the metadata, like conversion
     errors: every command takes them into account.
 
-    Raises ElvisError for an invalid quantity, a name that a field already has, values that are not finite, and data
-    with Fourier directions.
+    Data with a Fourier direction keep its waves: quantities that are linear in the fields are exact along it, and of
+    others a remark states the part beyond these waves; ``order`` is by default that of the fields.
+
+    Raises ElvisError for an invalid quantity, a name that a field already has, and values that are not finite.
 
     >>> ds = elvis.from_arrays({"triangle": [[[0, 0], [1, 0], [0, 1]]]}, u=[[0, 1, 0]], v=[[0, 0, 0]])
     >>> elvis.with_quantity(ds, "w=u^2")
@@ -89,6 +92,8 @@ def add_quantities(
 ) -> AddedQuantities:
     """The dataset with several quantities, which are all made of its own fields (see `with_quantity`)."""
     named = parse_quantities(dataset, quantities)
+    if has_waves(dataset):
+        return _with_waves(dataset, named, order)
     source = QuantitySource(dataset, named)
     passes = [FieldPass(source, fields, settings) for fields, settings in _settings(source, order, tolerance) if fields]
     pairs = [pair for own in passes for pair in zip(own.projection.fields, own.projection.findings.fields, strict=True)]
@@ -105,6 +110,22 @@ def add_quantities(
         *(_beyond(own, tolerance) for own in measures if order is None and _is_beyond(own, tolerance)),
     )
     return AddedQuantities(replace(whole, metadata=with_errors(whole, measures), remarks=remarks), measures)
+
+
+def _with_waves(dataset: Dataset, named: Mapping[str, Expression], order: int | None) -> AddedQuantities:
+    """The dataset with quantities in the waves of its Fourier direction."""
+    from elvis.plugins.wave_quantities import WAVE_ROUNDING, wave_fields
+
+    found = wave_fields(dataset, named, order)
+    measures = tuple(measure for _, measure, _ in found)
+    remarks = [
+        f"{own.name} has waves beyond those of the data: their part, up to {left:.2g}, is left out"
+        for own, left in ((measure, left) for _, measure, left in found)
+        if left > WAVE_ROUNDING * own.magnitude
+    ]
+    whole = replace(dataset, fields=(*dataset.fields, *(field for field, _, _ in found)))
+    remarked = replace(whole, metadata=with_errors(whole, measures), remarks=(*whole.remarks, *remarks))
+    return AddedQuantities(remarked, measures)
 
 
 def _is_beyond(measure: Measure, tolerance: float) -> bool:
@@ -161,8 +182,6 @@ class QuantitySource(DatasetSource):
     def __init__(self, dataset: Dataset, named: Mapping[str, Expression]) -> None:
         self.dataset, self.named, self.mesh = dataset, dict(named), dataset.mesh
         self._evaluator = Evaluator(dataset, list(named.values()))
-        if any(patch.homogeneous for patch in self._evaluator.patches):
-            raise ElvisError("expected data without Fourier directions, in which products of fields have more waves")
         self._parts = [part for patch in self._evaluator.patches for part in _split(patch)]
         self.blocks = [self._block(number) for number in range(len(self._parts))]
         self.degrees = {name: [self._degree(own, i) for i in range(len(self.blocks))] for name, own in named.items()}

@@ -67,7 +67,7 @@ def points_onto_mesh(
     bare = replace(target, fields=(*held, *solution), time=None, expansions=(), session={}, remarks=())
     dataset = on_common_blocks(replace(bare, metadata=with_errors(bare, measures)))
     counts = {shape.label.lower(): len(entities) for shape, entities in target.mesh.elements.items()}
-    notes = (*source.notes(), *_left_out(table, kind))
+    notes = (*source.remarks_on_cover(), *_left_out(table, kind))
     report = Report(source.format, (file.name,), counts, unchanged_map(dataset), (0.0, -1), False, measures, {}, notes)
     return dataset, report
 
@@ -136,7 +136,7 @@ class _PointSource(OnMesh):
         values[~covered] = filling
         return values.T
 
-    def notes(self) -> list[str]:
+    def remarks_on_cover(self) -> list[str]:
         """A sentence on the share of places that the points don't cover."""
         if not self._uncovered:
             return []

@@ -9,6 +9,7 @@ from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.formats.writing import write as write_native
 from elvis.plugins.exporting import GROUP, exporter
+from elvis.plugins.fourier_slabs import has_waves, in_slabs
 from elvis.plugins.registry import plugins
 
 _PICTURE, _SURFACE, _TABLE = (
@@ -29,11 +30,12 @@ def write(
 ) -> tuple[Path, ...]:
     """Write a dataset; returns the files written.  Either all files are written completely, or none is changed.
 
-    path        ``.fld`` for only the fields; ``.vtu`` or ``.msh`` for VTK's or Gmsh's cells; any other name is the
-                XML file of the mesh, next to which the fields go under the suffix ``.fld``
+    path        ``.fld`` for only the fields; ``.vtu``, ``.msh``, ``.dat`` and ``.plt`` for VTK's, Gmsh's or Tecplot's
+                cells; ``.csv`` and ``.pts`` for points; any other name is the XML file of the mesh, next to which the
+                fields go under the suffix ``.fld``
     field_path  another name for the file of the fields; without ``path`` only these are written
     options     ``mesh_format``, "compressed", "text" or "hdf5"; ``field_format``, "xml" or "hdf5"; ``order`` of the
-                cells of VTK and Gmsh, by default the lowest that contains map and fields
+                cells of other programs, by default the lowest that contains map and fields
 
     Raises ElvisError if a file can't be written, or a format can't represent the dataset, and for suffixes of pictures,
     surfaces and tables.
@@ -57,5 +59,7 @@ def _export(dataset: Dataset, path: Path, field_path: object, order: int | None 
     """Write the cells of another program."""
     if field_path is not None or rest:
         raise ElvisError(f"{path}: expected no other file and no format, found {', '.join(rest) or field_path}")
+    if has_waves(dataset):
+        dataset = in_slabs(dataset).dataset
     exporter(path.suffix[1:])(dataset, None, order, path, lambda losses: None)
     return (path,)

@@ -35,6 +35,7 @@ Examples:
   elvis convert points.csv --onto b.xml --order 4 -o on_b.fld                        values at scattered points
   elvis convert a.xml a.fld --stream-function -o psi.fld                             for contours that are streamlines
   elvis convert a.xml a.fld --plane 2 -o cosine.xml                                  one plane of Fourier coefficients
+  elvis convert a.xml a.fld --extrude 16 -o volume.xml                               Fourier data as volume elements
   elvis convert a.xml a.fld --add vorticity --continuous -o smooth.fld               without jumps, same integrals
   elvis convert a.xml a.fld --other b=b.xml,b.fld --add "du=u-b:u" --fields u -o du.fld
   elvis convert --list
@@ -178,6 +179,13 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
 )
 @click.option("--full", is_flag=True, help="Write single and half Fourier modes as full Fourier expansions.")
 @click.option(
+    "--extrude",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Write a Fourier direction as N slabs of volume elements, of --order, for quantities, surfaces and programs "
+    "that need these.",
+)
+@click.option(
     "--stream-function",
     "stream",
     is_flag=True,
@@ -246,11 +254,17 @@ def _convert(
     from elvis.core.terminal import print_json
 
     waves = {key: options.pop(key) for key in ("plane", "mean_mode", "zero_plane", "stretch", "full")}
+    slabs = options.pop("extrude")
     onto = options["onto"]
     more = () if onto is None else tuple(map(Path, onto.split(",")))
     _check_places(output, kind, (*files, *more), overwrite)
+    if slabs is not None and (options["added"] or output.suffix == ".fld"):
+        raise ElvisError("--extrude: expected no --add and a mesh file, .xml, to write; convert twice")
+    order = options["order"]
     dataset, report = _results(files, is_of_fields=output.suffix == ".fld", **options)
     dataset = _in_other_waves(dataset, **waves)
+    if slabs is not None:
+        dataset, report = _extruded(dataset, slabs, order, files)
     if stream:
         dataset, report = _with_stream_function(dataset, report)
     if continuous:
@@ -405,6 +419,16 @@ def _in_other_waves(
     if mean_mode:
         return fourier_mean(dataset, "xyz"[min(dataset.mesh.dimension, 2)], "--mean-mode")
     return dataset if plane is None else fourier_coefficients(dataset, plane)
+
+
+def _extruded(dataset: Dataset, slabs: int, order: int | None, files: tuple[Path, ...]) -> tuple[Dataset, Report]:
+    """The data in slabs of volume elements, and the errors of these."""
+    from elvis.core.terminal import stage
+    from elvis.plugins.fourier_slabs import in_slabs
+
+    with stage("writing waves as polynomials"):
+        found = in_slabs(dataset, slabs, order)
+    return found.dataset, replace(found.report, files=tuple(file.name for file in files))
 
 
 def _with_stream_function(dataset: Dataset, report: Report) -> tuple[Dataset, Report]:

@@ -137,15 +137,22 @@ def export(
 
 
 def _with_chosen(chosen: ChosenFields, dataset: Dataset) -> Dataset:
-    """A dataset with the chosen fields; prints its remarks and the errors of added fields as notes."""
+    """A dataset with the chosen fields, in slabs if it has waves; prints remarks and the errors of these as notes."""
     from elvis.core.terminal import note
+    from elvis.plugins.fourier_slabs import has_waves, in_slabs
 
     for remark in dataset.remarks:
         note(remark)
     found, measures = chosen.of(dataset)
     for sentence in (*(own.sentence() for own in measures), *found.remarks[len(dataset.remarks) :]):
         note(sentence)
-    return found
+    if not has_waves(found):
+        return found
+    conversion = in_slabs(found)
+    note("the Fourier direction is written as slabs of volume elements, to which the errors below refer")
+    for measure in conversion.report.fields:
+        note(measure.sentence())
+    return conversion.dataset
 
 
 def _check_suffix(output: Path, suffixes: Sequence[str]) -> None:

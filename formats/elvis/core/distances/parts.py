@@ -16,6 +16,8 @@ from elvis.core.distances.surface_patches import CORNERS, SurfacePatches, divide
 
 #: column of the bounds that belongs to how many derivatives along the second coordinate, by order
 _COLUMNS = (np.array([0, 1]), np.array([2, 3, 4]), np.array([5, 6, 7, 8]))
+#: a and b of the second derivatives ss, st and tt
+_FIRSTS, _SECONDS = np.array([0, 0, 1]), np.array([0, 1, 1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +51,7 @@ class Parts:
 
     def places(self, points: Floats) -> Floats:
         """(n, 2) points (n, 2) of the parts as points of the patches."""
-        return np.asarray(self.middle + np.einsum("nij,nj->ni", self.frame, points))
+        return np.asarray(self.middle + self.frame[:, :, 0] * points[:, :1] + self.frame[:, :, 1] * points[:, 1:])
 
     def around(self, points: Floats) -> Parts:
         """Parts around other points."""
@@ -105,19 +107,20 @@ class Model:
         derivatives = patches.derivatives(middle, row, 2)
         gap = derivatives[:, 0, 0] - goal
 
-        # X_a, brought to the coordinates of the part
-        along = np.stack([derivatives[:, 0, 1], derivatives[:, 1, 0]], axis=1)
-        first = np.einsum("nia,nix->nax", frame, along)
+        # X_a, brought to the coordinates of the part: sums over the rows of the frame
+        along_s, along_t = derivatives[:, 0, 1, None], derivatives[:, 1, 0, None]
+        row_s, row_t = frame[:, 0], frame[:, 1]
+        first = row_s[:, :, None] * along_s + row_t[:, :, None] * along_t
 
-        # (X - p) . X_ab, likewise
-        ss, st, tt = (dot(gap, derivatives[:, b, a]) for b, a in ((0, 2), (1, 1), (2, 0)))
-        curvature = np.array([[ss, st], [st, tt]]).transpose(2, 0, 1)
-        bend = np.einsum("nia,nij,njb->nab", frame, curvature, frame)
+        # (X - p) . X_ab, likewise, for ab = ss, st and tt
+        ss, st, tt = (dot(gap, derivatives[:, b, a])[:, None] for b, a in ((0, 2), (1, 1), (2, 0)))
+        turned_s, turned_t = ss * row_s + st * row_t, st * row_s + tt * row_t
+        bend = row_s[:, _FIRSTS] * turned_s[:, _SECONDS] + row_t[:, _FIRSTS] * turned_t[:, _SECONDS]
 
         # X_a . X_b
-        bend += np.einsum("nax,nbx->nab", first, first)
-        gradient = np.einsum("nx,nax->na", gap, first)
-        return Model(parts, goal, gap, first, gradient, bend[:, [0, 0, 1], [0, 1, 1]])
+        bend += dot(first[:, _FIRSTS], first[:, _SECONDS])
+        gradient = dot(gap[:, None], first)
+        return Model(parts, goal, gap, first, gradient, bend)
 
     def take(self, which: Ints) -> Model:
         """Some of the parts."""
@@ -131,8 +134,8 @@ class Model:
         """
         s, t = self.first[:, 0], self.first[:, 1]
         where = least(self.parts.corners, _products(s, t), self.gradient)
-        away = self.gap + np.einsum("nd,ndx->nx", where, self.first)
-        linear = np.linalg.norm(away, axis=1)
+        away = self.gap + where[:, :1] * s + where[:, 1:] * t
+        linear = np.sqrt(dot(away, away))
 
         # maximum deviation of the part from its linear part: by Taylor's theorem, or known for whole patches
         deviation = bounds[self.parts.row, 9]
@@ -140,9 +143,8 @@ class Model:
             deviation = self._bounds(bounds, 2).sum(axis=(1, 2)) / 2
         return where, linear - deviation
 
-    def is_convex(self, bounds: Floats) -> Bools:
-        """(n,) whether D is convex all over each part."""
-        change = self._change(bounds)
+    def is_convex(self, change: Floats) -> Bools:
+        """(n,) whether D is convex all over each part; the second derivatives change by `change` (n, 2, 2)."""
         ss = self.bend[:, 0] - change[:, 0, 0]
         if self.parts.corners == 2:
             return np.asarray(ss > 0)
@@ -152,25 +154,25 @@ class Model:
         st = np.abs(self.bend[:, 1]) + change[:, 0, 1]
         return np.asarray((ss > 0) & (tt > 0) & (ss * tt > st**2))
 
-    def is_steady(self, bounds: Floats) -> Bools:
+    def is_steady(self, change: Floats) -> Bools:
         """(n,) whether D is monotonic all over each part, along one of its coordinates."""
-        second = np.abs(self.bend[:, [[0, 1], [1, 2]]]) + self._change(bounds)
+        second = np.abs(self.bend[:, [[0, 1], [1, 2]]]) + change
 
         # the most that a first derivative changes by, from the middle to a corner
-        most = second.sum(axis=2)
+        most = second[:, :, 0] + second[:, :, 1]
         return np.asarray((np.abs(self.gradient) > most).any(axis=1))
 
-    def _change(self, bounds: Floats) -> Floats:
+    def change(self, bounds: Floats) -> Floats:
         """(n, 2, 2) what the second derivatives of D change by at most between the middle and any point of a part."""
         one, two, three = (self._bounds(bounds, order) for order in (1, 2, 3))
-        far = np.linalg.norm(self.gap, axis=1) + one.sum(axis=1)
+        far = np.sqrt(dot(self.gap, self.gap)) + one[:, 0] + one[:, 1]
 
         # |X_ac| |X_b| + |X_a| |X_bc| + |X_c| |X_ab| + |X - p| |X_abc| (see above), by a, b and c
         ac_b = two[:, :, None, :] * one[:, None, :, None]
         bc_a = ac_b.transpose(0, 2, 1, 3)
         ab_c = two[:, :, :, None] * one[:, None, None, :]
         third = ac_b + bc_a + ab_c + far[:, None, None, None] * three
-        return np.asarray(third.sum(axis=3))
+        return np.asarray(third[..., 0] + third[..., 1])
 
     def _bounds(self, bounds: Floats, order: int) -> Floats:
         """(n, 2, …) largest lengths of the derivatives of X of this order."""
@@ -183,7 +185,8 @@ class Model:
         size = np.abs(self.parts.frame)
         for axis in range(1, order + 1):
             leading = np.moveaxis(found, axis, 1)
-            scaled = np.einsum("ni...,nia->n...a", leading, size)
+            row_s, row_t = (size[:, i].reshape(-1, *(1,) * (order - 1), 2) for i in (0, 1))
+            scaled = leading[:, 0, ..., None] * row_s + leading[:, 1, ..., None] * row_t
             found = np.moveaxis(scaled, -1, axis)
         return np.asarray(found)
 
@@ -197,7 +200,7 @@ def linear_distance(patches: SurfacePatches, row: Ints, goal: Floats) -> Floats:
     gradient = np.stack([dot(gap, s), dot(gap, t)], axis=1)
     where = least(patches.corners, _products(s, t), gradient)
     away = gap + where[:, :1] * s + where[:, 1:] * t
-    return np.asarray(np.linalg.norm(away, axis=1))
+    return np.sqrt(dot(away, away))
 
 
 def _products(s: Floats, t: Floats) -> Floats:
@@ -206,5 +209,9 @@ def _products(s: Floats, t: Floats) -> Floats:
 
 
 def dot(a: Floats, b: Floats) -> Floats:
-    """(n,) inner products of vectors (n, k)."""
-    return np.asarray((a * b).sum(axis=1))
+    """(…,) inner products of vectors (…, k), for few components faster than a sum over the last axis."""
+    products = a * b
+    total = products[..., 0]
+    for i in range(1, products.shape[-1]):
+        total = total + products[..., i]
+    return np.asarray(total)

@@ -23,7 +23,8 @@ def least(corners: int, bend: Floats, gradient: Floats) -> Floats:
         with np.errstate(divide="ignore", invalid="ignore"):
             part = np.where(curved > 0, np.clip(-straight / curved, 0.0, 1.0), straight + curved / 2 < 0)
         point = first + np.nan_to_num(part)[:, None] * way
-        value = ((gradient + multiply(bend, point) / 2) * point).sum(axis=1)
+        terms = (gradient + multiply(bend, point) / 2) * point
+        value = terms[:, 0] + terms[:, 1]
         better = value < lowest
         result[better], lowest[better] = point[better], value[better]
     if corners == 2:
@@ -44,7 +45,7 @@ def least(corners: int, bend: Floats, gradient: Floats) -> Floats:
 
 def multiply(bend: Floats, points: Floats) -> Floats:
     """(n, 2) symmetric matrices of entries ss, st, tt (n, 3) times points (n, 2) or (2,)."""
-    s, t = np.moveaxis(points, -1, 0)
+    s, t = points[..., 0], points[..., 1]
     return np.stack([bend[:, 0] * s + bend[:, 1] * t, bend[:, 1] * s + bend[:, 2] * t], axis=1)
 
 

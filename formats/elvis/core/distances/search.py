@@ -199,13 +199,14 @@ class _Search:
 
             # where D is convex it is smallest where Newton's method ends; other places bound the distance at least
             parts = model.parts
-            is_convex = model.is_convex(bounds)
+            change = model.change(bounds)
+            is_convex = model.is_convex(change)
             convex_rows = np.flatnonzero(is_convex)
             start[is_convex] = self._minimize(patches, model.take(convex_rows), start[is_convex])
             self._keep(number, point, parts.row, parts.places(start))
 
             # without a stationary point, D is minimal on the sides; sides within the face also belong to other patches
-            to_cut = np.flatnonzero(~is_convex & ~model.is_steady(bounds))
+            to_cut = np.flatnonzero(~is_convex & ~model.is_steady(change))
             if len(to_cut) and parts.depth < _ROUNDS and len(to_cut) <= _MOST:
                 smaller = parts.take(to_cut).divide()
                 kinds = len(smaller) // len(to_cut)

@@ -64,10 +64,7 @@ class SurfacePatches:
     def derivatives(self, points: Floats, rows: Ints, most: int) -> Floats:
         """(n, most + 1, most + 1, 3) derivatives there: [i, b, a] a times along s and b times along t."""
         m, k = self.coefficients.shape[1:3]
-        powers_s, powers_t = (
-            np.stack([_powers(own, count, times) for times in range(most + 1)], axis=1)
-            for own, count in zip(points.T, (k, m), strict=True)
-        )
+        powers_s, powers_t = _powers(points[:, 0], k, most), _powers(points[:, 1], m, most)
         # sums over i, then over j, of c_ji s^i t^j: products of small matrices, which don't depend on each other
         along = np.matmul(powers_s[:, None], self.coefficients[rows])
         across = np.matmul(powers_t, along.reshape(len(rows), m, 3 * (most + 1)))
@@ -174,9 +171,16 @@ def _shift_matrix(count: int, middle: float, half: float) -> Floats:
     )
 
 
-def _powers(points: Floats, count: int, times: int) -> Floats:
-    """(n, count) the powers of points (n,), differentiated ``times`` times."""
-    return np.stack([perm(i, times) * points ** max(i - times, 0) for i in range(count)], axis=1)
+def _powers(points: Floats, count: int, most: int) -> Floats:
+    """(n, most + 1, count) the powers of points (n,), differentiated up to ``most`` times."""
+    powers = np.ones((count, len(points)))
+    for i in range(1, count):
+        np.multiply(powers[i - 1], points, out=powers[i])
+    found = np.zeros((len(points), most + 1, count))
+    for times in range(min(most + 1, count)):
+        # s^i, differentiated k times, is i (i - 1) … s^(i - k)
+        found[:, times, times:] = powers[: count - times].T * _falling_factorials(count, times)[times:]
+    return found
 
 
 def _falling_factorials(count: int, times: int) -> Floats:

@@ -51,6 +51,9 @@ if TYPE_CHECKING:
 CONSTANT = ("element", "composite", "h", "order", "shape", "jacobian_sign")
 _NUMBERS = {shape: float(number) for number, shape in enumerate(Shape)}
 
+#: points of the last searches for a surface that are kept, 80 bytes each
+_REMEMBERED = 1 << 18
+
 #: edges of the ideal element along xi, in columns; of the pyramid and the prism those at the middle of the base
 _ROOT = np.sqrt(3.0)
 _IDEAL: Mapping[Shape, list[list[float]]] = {
@@ -94,7 +97,7 @@ class Attributes:
         self._dataset = dataset
         self._found: dict[str, tuple[Ints, Floats]] = {}
         self._surfaces: dict[str, Surface] = {}
-        self._nears: dict[str, tuple[Floats, Near]] = {}
+        self._nears: dict[str, list[tuple[Floats, Near]]] = {}
         self._others: dict[str, Elsewhere] = {}
 
     def at(self, name: str, patch: Patch, rows: Ints, points: Floats) -> Floats:
@@ -109,12 +112,20 @@ class Attributes:
         return _POINTWISE[name](patch, rows, points)
 
     def _from_surface(self, name: str, target: str, positions: Floats) -> Floats:
-        """(n,) a distance or a direction at positions (n, 3); the last search is shared by several of them."""
+        """(n,) a distance or a direction at positions (n, 3)."""
         surface = self.surface(target)
-        known = self._nears.get(target)
-        if known is None or not np.array_equal(known[0], positions):
-            known = self._nears[target] = positions, nearest(surface, positions)
-        return measured(name, surface, *known)
+        return measured(name, surface, positions, self._near(surface, target, positions))
+
+    def _near(self, surface: Surface, target: str, positions: Floats) -> Near:
+        """The nearest points to positions (n, 3); quantities that are evaluated in turn share the last searches."""
+        searches = self._nears.setdefault(target, [])
+        for known, near in searches:
+            if np.array_equal(known, positions):
+                return near
+        searches.append((positions, nearest(surface, positions)))
+        while len(searches) > 1 and sum(len(known) for known, _ in searches) > _REMEMBERED:
+            searches.pop(0)
+        return searches[-1][1]
 
     def surface(self, target: str) -> Surface:
         """The surface to which distances are measured."""
