@@ -62,10 +62,11 @@ class TecplotTarget(Target):
 
 def lattice_cells(dimension: int, order: int) -> Ints:
     """(order^d, 2^d) the points of each cell of a lattice, around its bottom, then around its top."""
-    around = {1: [(0,), (1,)], 2: [(0, 0), (1, 0), (1, 1), (0, 1)]}
-    around[3] = [(*corner, k) for k in (0, 1) for corner in around[2]]
+    square = [(0, 0), (1, 0), (1, 1), (0, 1)]
+    cube = [(*corner, k) for k in (0, 1) for corner in square]
+    around = {1: np.array([(0,), (1,)]), 2: np.array(square), 3: np.array(cube)}
     strides = (order + 1) ** np.arange(dimension)
-    corners = np.array(around[dimension]) @ strides
+    corners = around[dimension] @ strides
     lowest = np.array([each[::-1] for each in product(range(order), repeat=dimension)]) @ strides
     return np.asarray(lowest[:, None] + corners)
 

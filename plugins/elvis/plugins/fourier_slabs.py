@@ -148,5 +148,5 @@ def _slab_count(waves: Homogeneous, order: int) -> int:
     (Chebyshev's leading term).
     """
     shortest = max(waves.z_ids) // 2 if waves.bases[0] is Basis.FOURIER else 1
-    reach = 2 * (_GOAL * factorial(order + 1) / 2) ** (1 / (order + 1))
-    return min(_MOST, max(2, ceil(pi * shortest / reach)))
+    reach = 2 * float(_GOAL * factorial(order + 1) / 2) ** (1 / (order + 1))
+    return int(min(_MOST, max(2, ceil(pi * shortest / reach))))

@@ -127,7 +127,7 @@ class _WaveSource(OnMesh):
         last = self._last
         if last is None or last[0] != number or last[1] is not block or last[2] is not points:
             last = self._last = number, block, points, self._planes(number, block, points)
-        return last[3][plane].reshape(len(block), len(points))
+        return np.asarray(last[3][plane].reshape(len(block), len(points)))
 
     def _planes(self, number: int, block: Elements, points: Floats) -> Floats:
         """(planes, n) coefficients of an expression at reference points in each element."""

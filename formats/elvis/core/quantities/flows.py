@@ -203,6 +203,10 @@ class Flow:
         """No formula has one."""
         raise AssertionError(f"a distance to {target} in a formula")
 
+    def indicator(self, target: str, scale: float) -> Node:
+        """No formula has one."""
+        raise AssertionError(f"an indicator of {target} in a formula")
+
     def body_fitted(self, name: str, target: str, assist: Sequence[float]) -> Node:
         """No formula has one."""
         raise AssertionError(f"{name} at {target} in a formula")
