@@ -9,6 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from elvis.converters.commands.convert_changes import (
+    extruded,
+    in_other_waves,
+    made_continuous,
+    with_stream_function,
+)
 from elvis.converters.commands.field_options import field_options
 from elvis.core.arguments import between_option, names_option, other_option, set_option, time_option
 from elvis.core.moments import Moment
@@ -262,13 +268,13 @@ def _convert(
         raise ElvisError("--extrude: expected no --add and a mesh file, .xml, to write; convert twice")
     order = options["order"]
     dataset, report = _results(files, is_of_fields=output.suffix == ".fld", **options)
-    dataset = _in_other_waves(dataset, **waves)
+    dataset = in_other_waves(dataset, **waves)
     if slabs is not None:
-        dataset, report = _extruded(dataset, slabs, order, files)
+        dataset, report = extruded(dataset, slabs, order, files)
     if stream:
-        dataset, report = _with_stream_function(dataset, report)
+        dataset, report = with_stream_function(dataset, report)
     if continuous:
-        dataset, report = _made_continuous(dataset, report)
+        dataset, report = made_continuous(dataset, report)
     if as_json:
         print_json(report.facts())
     else:
@@ -399,57 +405,6 @@ def _projected(
         note(remark)
     found = onto_mesh(source, target, options["order"], outside, names)
     return found.dataset, report_of_transfer(found, (*files, *onto))
-
-
-def _in_other_waves(
-    dataset: Dataset, plane: int | None, mean_mode: bool, zero_plane: int | None, stretch: int | None, full: bool
-) -> Dataset:
-    """The data with a changed Fourier direction, or one of its planes."""
-    if plane is None and zero_plane is None and stretch is None and not (full or mean_mode):
-        return dataset
-    from elvis.core.errors import ElvisError
-    from elvis.plugins.fourier_planes import fourier_coefficients, fourier_mean, in_full_waves, without_plane
-
-    if mean_mode and plane is not None:
-        raise ElvisError("expected one of --plane and --mean-mode, found both")
-    if zero_plane is not None:
-        dataset = without_plane(dataset, zero_plane)
-    if full or stretch is not None:
-        dataset = in_full_waves(dataset, stretch or 1)
-    if mean_mode:
-        return fourier_mean(dataset, "xyz"[min(dataset.mesh.dimension, 2)], "--mean-mode")
-    return dataset if plane is None else fourier_coefficients(dataset, plane)
-
-
-def _extruded(dataset: Dataset, slabs: int, order: int | None, files: tuple[Path, ...]) -> tuple[Dataset, Report]:
-    """The data in slabs of volume elements, and the errors of these."""
-    from elvis.core.terminal import stage
-    from elvis.plugins.fourier_slabs import in_slabs
-
-    with stage("writing waves as polynomials"):
-        found = in_slabs(dataset, slabs, order)
-    return found.dataset, replace(found.report, files=tuple(file.name for file in files))
-
-
-def _with_stream_function(dataset: Dataset, report: Report) -> tuple[Dataset, Report]:
-    """The data with the stream function, and the distance of its velocity from the flow's."""
-    from elvis.core.resolution.stream_functions import with_stream_function
-    from elvis.core.terminal import stage
-
-    with stage("computing the stream function"):
-        found = with_stream_function(dataset)
-    return found, replace(report, notes=(*report.notes, found.remarks[-1]))
-
-
-def _made_continuous(dataset: Dataset, report: Report) -> tuple[Dataset, Report]:
-    """The data with continuous fields, and the change of each as its error."""
-    from elvis.core.terminal import stage
-    from elvis.plugins.continuous_fields import continuous_fields
-
-    with stage("making fields continuous"):
-        found = continuous_fields(dataset)
-    sentence = "fields are continuous; their errors are the changes that this made, measured at points"
-    return found.dataset, replace(report, fields=found.measures, notes=(*report.notes, sentence))
 
 
 def _is_plain(options: dict[str, Any]) -> bool:
