@@ -109,6 +109,10 @@ def test_points_outside_get_the_requested_value():
     assert 0 < abs(total.after - total.before) <= filled.residual * total.before
     far = onto_mesh(source, target, outside="nearest", fields=["p"], order=2)
     assert far.integrals[0].after > 1.44 * 1.5
+    assert not far.reaches_beyond
+    assert onto_mesh(source, Dataset(moved(grid(Shape.QUADRILATERAL, 1), 0.5, 0))).reaches_beyond
+    with pytest.raises(ElvisError, match="the mesh and the data do not overlap"):
+        onto_mesh(source, Dataset(moved(grid(Shape.QUADRILATERAL, 1), 1, [3, 0, 0])), outside="nearest")
 
 
 @pytest.fixture

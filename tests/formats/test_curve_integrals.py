@@ -88,6 +88,14 @@ def test_invalid_curves_are_rejected(over, sentence):
     assert sentence in str(error.value)
 
 
+def test_normals_from_points_outside_go_into_the_data():
+    """From either side of the lower edge of the unit square the normal leads upwards."""
+    dataset = Dataset(grid(Shape.QUADRILATERAL, 2))
+    for height in (0.1, 0.0, -0.2):
+        ends = Curve.parse(dataset, f"normal:all:0.5,{height}:0.3").at(np.array([0.0, 1.0]))[0]
+        np.testing.assert_allclose(ends, [[0.5, 0, 0], [0.5, 0.3, 0]], atol=1e-15)
+
+
 def test_normals_and_layers_need_their_boundary():
     dataset = Dataset(grid(Shape.QUADRILATERAL, 1))
     with pytest.raises(ElvisError, match="nx is only known on boundaries and cuts, not on line"):

@@ -156,6 +156,7 @@ def test_numbers_in_parentheses_override_those_of_the_data():
         ("mach(gamma=1.3", GAS, 3, "expected , or ) after a parameter, found its end"),
         ("mach(gamma=1.3, gamma=1.4)", GAS, 3, "expected each parameter once, found 'gamma'"),
         ("lamda2", PLAIN, 3, "there is no 'lamda2' (perhaps lambda2)"),
+        ("p-1", GAS, 3, "there is no 'p' (perhaps pressure)"),
         ("ux", PLAIN, 3, "there is no 'ux'"),
         ("traction", PLAIN, 3, "there is no 'traction'"),
     ],

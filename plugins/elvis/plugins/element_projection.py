@@ -79,6 +79,11 @@ class ElementProjection:
         self._left = max(_LEAST_POINTS, _POINTS_PER_POINT * first)
 
     @property
+    def measure(self) -> float:
+        """The target's area or volume."""
+        return self._measure
+
+    @property
     def covered(self) -> float:
         """See the class."""
         return 1 - self._missed / self._measure if self._measure else 0.0

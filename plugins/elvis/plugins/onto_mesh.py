@@ -24,6 +24,9 @@ from elvis.plugins.projection.verification import Maps
 from elvis.plugins.report import Measure, Report
 from elvis.plugins.reporting import measures_of_fields
 
+#: difference of two areas or volumes, as a share, that means the same
+_SAME_SIZE = 1e-6
+
 
 @dataclass(frozen=True)
 class Integral:
@@ -43,6 +46,7 @@ class Transfer:
     covered    the share of the target's measure that the source covers
     halvings   how often boxes were bisected at most
     residual   disagreement of rules in the end, as a share of an element's integral
+    reaches_beyond  whether elements of the source lie outside the target
     not_finite  ids of elements in which a field is nan
     """
 
@@ -52,6 +56,7 @@ class Transfer:
     covered: float
     halvings: int
     residual: float
+    reaches_beyond: bool = False
     not_finite: tuple[int, ...] = ()
 
 
@@ -82,6 +87,8 @@ def onto_mesh(
     converter = OtherMesh(source, target, order, outside, fields)
     work = ElementProjection(converter, target)
     fitted = work.fitted()
+    if not work.covered > 0:
+        raise ElvisError("--onto: the mesh and the data do not overlap")
     sampler = Sampler(converter)
     findings = measure(sampler, Maps(target), work.blocks, fitted)
     measures = tuple(measures_of_fields(fitted, findings.fields, converter))
@@ -91,7 +98,9 @@ def onto_mesh(
     dataset = on_common_blocks(replace(bare, metadata=with_errors(bare, measures)))
     lost = tuple(sorted({own for field in solution for block in field.blocks for own in _not_finite(block)}))
     integrals = [Integral(own.name, _integral(source, own.name), _integral(dataset, own.name)) for own in solution]
-    return Transfer(dataset, measures, tuple(integrals), work.covered, work.halvings, work.residual, lost)
+    size = _integral(source, "1")
+    beyond = size - work.covered * work.measure > (_SAME_SIZE + work.residual) * size
+    return Transfer(dataset, measures, tuple(integrals), work.covered, work.halvings, work.residual, beyond, lost)
 
 
 def _field(fit: FieldFit, blocks: Sequence[NativeBlock]) -> Field:
@@ -115,7 +124,7 @@ def report_of_transfer(found: Transfer, files: Sequence[Path]) -> Report:
     """The report of a projection: errors, integrals before and after, and the share that is covered."""
     counts = {shape.label.lower(): len(entities) for shape, entities in found.dataset.mesh.elements.items()}
     names = tuple(file.name for file in files)
-    notes = [_sentence(own) for own in found.integrals]
+    notes = [_sentence(own, found.reaches_beyond) for own in found.integrals]
     if found.covered < 1:
         notes.append(f"the data cover {found.covered:.10g} of the target's measure")
     if found.residual > 0:
@@ -144,7 +153,12 @@ def _finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
-def _sentence(own: Integral) -> str:
+def _sentence(own: Integral, reaches_beyond: bool) -> str:
+    if reaches_beyond:
+        return (
+            f"the integral of {own.name} over the mesh is {own.after:.15g}; over all elements of the data, which reach "
+            f"beyond the mesh, {own.before:.15g}"
+        )
     return (
         f"the integral of {own.name} is {own.after:.15g}, in the data {own.before:.15g}: {own.after - own.before:+.2g}"
     )

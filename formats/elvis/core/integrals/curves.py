@@ -4,8 +4,8 @@ line:P:Q            from P to Q; a point is X,Y or X,Y,Z
 polyline:P:Q:R:…    straight from each point to the next
 circle:C:N:R        with centre C, normal N and radius R
 spline:P:Q:R:…      the natural cubic spline through points, by the distances of these
-normal:B:P:L        of length L, from the place of boundary B that is nearest to P towards P: along the normal there,
-                    which points into the data if P lies on the boundary
+normal:B:P:L        of length L, along the normal of boundary B at its place nearest to P: towards P, or into the data
+                    if P lies on the boundary or outside the data
 """
 
 from __future__ import annotations
@@ -20,6 +20,9 @@ from elvis.core.arrays import Floats
 from elvis.core.dataset import Dataset
 from elvis.core.distances import nearest, surface_of, vectors_away
 from elvis.core.errors import ElvisError
+from elvis.core.mapping.inverse import Status
+from elvis.core.mapping.locate import Locator
+from elvis.core.patch import patches
 from elvis.core.polynomials.quadrature import gauss
 
 KINDS = ("line", "polyline", "circle", "spline", "normal")
@@ -190,4 +193,12 @@ def _normal(dataset: Dataset, name: str, boundary: str, point: Floats, length: f
     away = vectors_away(surface, point[None], near)[0]
     if not np.isfinite(away).all():
         raise ElvisError(f"{name}: expected a point off the boundary, to determine the direction of the normal")
+    into = vectors_away(surface, near.place, nearest(surface, near.place))[0]
+    if into @ away < 0 and not _is_inside(dataset, point):
+        away = into
     return _polyline(name, np.stack([near.place[0], near.place[0] + length * away]))
+
+
+def _is_inside(dataset: Dataset, point: Floats) -> bool:
+    """Whether a point lies in the data."""
+    return bool(Locator(patches(dataset)).locate(point[None]).status[0] == Status.INSIDE)

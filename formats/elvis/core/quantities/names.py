@@ -25,6 +25,21 @@ from elvis.core.quantities.indicators import indicator
 from elvis.core.quantities.reference_values import REFERENCE, noted_values, over
 from elvis.core.quantities.tree import AXES, MEASURES, TIME, Node, attribute, coordinate, field, number
 
+#: predefined quantities by symbols, in lower case, that users know them by
+SYMBOLS = {
+    "u": "velocity_x",
+    "v": "velocity_y",
+    "w": "velocity_z",
+    "p": "pressure",
+    "t": "temperature",
+    "ma": "mach",
+    "cp": "pressure_coefficient",
+    "cf": "skin_friction",
+    "yplus": "y_plus",
+    "utau": "u_tau",
+    "q": "q_criterion",
+}
+
 CONSTANTS = {"pi": math.pi, "e": math.e}
 #: attributes of elements (see `attributes`), defined in every dataset, with their meaning
 ATTRIBUTES: Mapping[str, str] = {
@@ -186,7 +201,10 @@ class Names:
         if name in self.others:
             first = (*self.others[name].fields, "x")[0]
             return f"expected : after {name}and a quantity, such as {name}:{first}"
-        meant = perhaps(name, [*self.fields, *self.flow.available, *self.flow.waiting, *ATTRIBUTES])
+        known = [*self.fields, *self.flow.available, *self.flow.waiting, *ATTRIBUTES]
+        symbol = SYMBOLS.get(name.lower(), "")
+        is_near = any(own.lower() == name.lower() for own in known)
+        meant = f" (perhaps {symbol})" if symbol in known and not is_near else perhaps(name, known)
         return f"there is no {name!r}{meant}; {self._in_words}"
 
     def attributes(self) -> list[dict[str, str | None]]:
