@@ -89,7 +89,7 @@ def test_invalid_curves_are_rejected(over, sentence):
 
 
 def test_normals_from_points_outside_go_into_the_data():
-    """From either side of the lower edge of the unit square the normal leads upwards."""
+    """Above, on and below the lower edge of the unit square: the normal leads upwards."""
     dataset = Dataset(grid(Shape.QUADRILATERAL, 2))
     for height in (0.1, 0.0, -0.2):
         ends = Curve.parse(dataset, f"normal:all:0.5,{height}:0.3").at(np.array([0.0, 1.0]))[0]

@@ -76,7 +76,7 @@ def with_quantity(dataset: Dataset, quantity: str, order: int | None = None, tol
     errors: every command takes them into account.
 
     Data with a Fourier direction keep its waves: quantities that are linear in the fields are exact along it, and of
-    others a remark states the part beyond these waves; ``order`` is by default that of the fields.
+    others a remark states the part beyond these waves; ``order`` is by default the order of the fields.
 
     Raises ElvisError for an invalid quantity, a name that a field already has, and values that are not finite.
 

@@ -43,8 +43,8 @@ def has_waves(dataset: Dataset) -> bool:
 def in_slabs(dataset: Dataset, slabs: int | None = None, order: int | None = None) -> Conversion:
     """The data with slabs of elements instead of a Fourier direction, and the report of the errors.
 
-    slabs  over a period; by default so many that the shortest wave has an error of 1e-3 of its amplitude
-    order  polynomial degree, 1 to 30; by default that of the fields in the plane, 3 at least
+    slabs  over a period; by default the shortest wave has an error of about 1e-3 of its amplitude
+    order  polynomial degree, 1 to 30; by default the order of the fields in the plane, at least 3
 
     ElvisError for data without one Fourier direction.
     """

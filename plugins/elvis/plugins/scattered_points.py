@@ -1,6 +1,6 @@
 """Values at scattered points as fields on the elements of a mesh, with estimates of what the points leave open.
 
-Between the points values are interpolated: linearly on Delaunay's simplices, by splines, or from the nearest point.
+Values are interpolated linearly on Delaunay's simplices, by splines, or from the nearest point.
 In one coordinate the pieces lie between neighbouring points.  Linear functions are exact with ``linear`` and
 ``spline``; cubic ones also with ``spline`` in one coordinate.
 """
@@ -51,7 +51,7 @@ def points_onto_mesh(
 ) -> tuple[Dataset, Report]:
     """The values of a table as fields of a dataset's mesh, and the report of their errors.
 
-    order    polynomial degree of the fields, 1 to 30; by default that of the target's fields or expansions
+    order    polynomial degree of the fields, 1 to 30; by default the order of the target's fields or expansions
     outside  ``error``, ``nan``, ``nearest`` or a number, for places outside the convex hull of the points
     kind     of interpolation: ``linear``, ``spline`` or ``nearest``
 
@@ -114,7 +114,7 @@ class _PointSource(OnMesh):
         self._last: tuple[Floats, Floats] | None = None
 
     def values_at(self, places: Floats) -> Floats:
-        """Interpolated values, and those that ``outside`` demands where the points don't cover a place."""
+        """Interpolated values; at places that the points don't cover the values by ``outside``."""
         if self._last is None or not np.array_equal(self._last[0], places):
             self._last = places, self._values(places)
         return self._last[1]
@@ -137,7 +137,7 @@ class _PointSource(OnMesh):
         return values.T
 
     def remarks_on_cover(self) -> list[str]:
-        """A sentence on the share of places that the points don't cover."""
+        """Remarks on the share of places that the points don't cover."""
         if not self._uncovered:
             return []
         share = self._uncovered / self._evaluated

@@ -1,8 +1,8 @@
 """Quantities of data with a Fourier direction as fields with the same waves.
 
-At points of an element the values at more places along the waves than these have planes give the coefficients of the
-planes by least squares; each plane is then projected like a field.  Sums of fields, of their derivatives and of
-products with functions of the plane stay exact.  Other products have more waves: what is left out is measured.
+A quantity is sampled at more places along the waves than there are planes.  Least squares give the coefficients of the
+planes, and each plane is projected like a field.  Sums of fields, of their derivatives and of products with functions
+of the plane stay exact.  Other products have more waves; the part beyond the waves of the data is measured.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def wave_fields(
 ) -> list[tuple[Field, Measure, float]]:
     """Fields of expressions, their errors in the waves of the data, and the largest value beyond these waves.
 
-    order  polynomial degree in the plane; by default that of the data's fields
+    order  polynomial degree in the plane; by default the order of the data's fields
 
     ElvisError for data with several expansions along the waves, and for values that are not finite.
     """
@@ -63,7 +63,7 @@ def _stacked(planes: tuple[Block, ...], waves: Homogeneous) -> Block:
 
 
 def _joined(name: str, planes: list[Measure], left: float, ends: tuple[float, float]) -> Measure:
-    """The error of a field from those of its planes, whose functions are at most 1, and from the waves left out.
+    """The error of a field: errors of its planes, whose functions are at most 1, and the part beyond their waves.
 
     ends  the lowest and the highest value of the quantity
     """
@@ -122,7 +122,7 @@ class _WaveSource(OnMesh):
         raise NotImplementedError
 
     def sample(self, block: Elements, field: SourceField, points: Floats) -> Floats:
-        """The coefficients of a plane; those of the other planes of the expression follow from the same values."""
+        """The coefficients of a plane; the same values give the other planes of the expression."""
         number, plane = field.key
         last = self._last
         if last is None or last[0] != number or last[1] is not block or last[2] is not points:

@@ -266,7 +266,7 @@ class Parser(Grammar[Node]):
         return self._guard(lambda: self._names.body_fitted(name, target, numbers or ASSIST), first)
 
     def _numbers_after(self, name: str, target: str, first: int) -> list[float]:
-        """Numbers after a boundary: one after that of an indicator, an assisting vector or none after others."""
+        """Numbers after a boundary: the scale of an indicator, an assisting vector, or none."""
         count, words = (1, "one number") if name == "indicator" else (len(AXES), "three numbers")
         example = "0.1" if name == "indicator" else "0, 1, 0"
         expected = f"{words} after {target}, such as {name}({target}, {example})"
