@@ -187,7 +187,8 @@ ROLLED = """async () => {
     elvis.stage.dispatchEvent(new WheelEvent("wheel", { deltaY: 60, cancelable: true }));
     const canvas = new OffscreenCanvas(...image);
     canvas.getContext("2d");
-    elvis.show({ ...elvis.picture, camera, final: false, size: image }, await createImageBitmap(canvas));
+    const motion = { size: [0, 0], low: 0, high: 0, lines: [] }, picture = await createImageBitmap(canvas);
+    elvis.show({ ...elvis.picture, camera, final: false, size: image, motion }, picture, new Uint16Array(0));
   }
   return camera.height;
 }"""
@@ -337,7 +338,8 @@ def test_the_view_rotates_about_the_visible_point(page, viewer):
     for _ in range(8):
         page.mouse.wheel(0, -100)
     settled(page, viewer)
-    middle = np.array([page.evaluate("elvis.picture.middle")])
+    page.wait_for_function("elvis.warp.source.parts")
+    middle = np.array([page.evaluate("elvis.warp.seen(elvis.current()).middle")])
     before = View.through(viewer.session.current.camera, viewer.session.size)
     x, y = canvas_place(page, width // 2, height // 2)
     page.mouse.move(x, y)

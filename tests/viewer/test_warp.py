@@ -1,20 +1,22 @@
 """The last sharp picture, moved with the camera by its depths: where its points are seen from the moved camera."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from driving import change, settled
 
 from elvis import Camera, Plane, Sphere, read, render
-from elvis.scene import CutSurface
-from elvis.viewer.depths import STEPS, depths_of
+from elvis.renderer.drafts import drafted
+from elvis.scene import CutSurface, MeshLines, Style
+from elvis.viewer.depths import PARTS_OF_PIXEL, STEPS, depths_of, motion_of
 
-#: colours of the warped picture, or of the picture at its pixels, as a list of rows
+#: colours of the moved picture, or of the picture itself, as a list of rows
 COLOURS = """(name) => {
-  const { size: [width, height], step } = elvis.warp.sharp, [left, top] = elvis.picture.image;
+  const [left, top, width, height] = elvis.picture.image;
   const canvas = new OffscreenCanvas(width, height).getContext("2d");
-  canvas.imageSmoothingEnabled = false;
-  if (name === "warp") canvas.drawImage(elvis.warp.canvas, 0, 0);
-  else canvas.drawImage(elvis.canvas, left, top, width * step, height * step, 0, 0, width, height);
+  if (name === "warp") canvas.drawImage(elvis.warp.canvas, 0, 0, width, height);
+  else canvas.drawImage(elvis.canvas, left, top, width, height, 0, 0, width, height);
   return [width, height, ...canvas.getImageData(0, 0, width, height).data];
 }"""
 FIRST = {"eye": [2, 1.5, 3], "at": [0.5, 0.5, 0.4], "up": [0, 1, 0]}
@@ -30,14 +32,14 @@ def test_points_move_as_they_are_seen(page, viewer, lens):
     """On a cut, colours change smoothly: the moved picture differs little from the exact one, the first one much."""
     change(page, {"camera": {**FIRST, **lens}, "range": [-1, 2]})
     settled(page, viewer)
-    page.wait_for_function("elvis.warp.sharp")
+    page.wait_for_function("elvis.warp.source.parts")
     before = colours(page, "exact")
     moved = {**FIRST, **lens, "eye": [2.4, 1.2, 2.8], "at": [0.55, 0.45, 0.4]}
     page.evaluate("(camera) => elvis.warp.show(camera)", moved)
     warped = colours(page, "warp")
     change(page, {"camera": moved})
     settled(page, viewer)
-    page.wait_for_function("elvis.warp.sharp")
+    page.wait_for_function("elvis.warp.source.parts")
     exact = colours(page, "exact")
     assert warped.shape == exact.shape
     seen = (np.ptp(warped, axis=2) > 8) & (np.ptp(exact, axis=2) > 8)
@@ -46,7 +48,24 @@ def test_points_move_as_they_are_seen(page, viewer, lens):
     assert wrong < 0.25 * unmoved
     assert wrong < 8
     # it gives way to the next picture
-    assert page.locator(".elvis-warp").is_hidden()
+    assert page.locator(".elvis-warp:visible").count() == 0
+
+
+def test_parallel_views_of_one_direction_are_shifted(page, viewer):
+    """By 30 columns and 12 rows: what remains in the picture is the same, pixel by pixel."""
+    camera = {**FIRST, "height": 1.8}
+    change(page, {"camera": camera, "range": [-1, 2]})
+    settled(page, viewer)
+    before = colours(page, "exact")
+    eye, at, up = (np.array(camera[key], float) for key in ("eye", "at", "up"))
+    right = np.cross(at - eye, up)
+    above = np.cross(right, at - eye)
+    step = (12 * above / np.linalg.norm(above) - 30 * right / np.linalg.norm(right)) * 1.8 / len(before)
+    moved = {**camera, "eye": [*(eye + step)], "at": [*(at + step)]}
+    page.evaluate("(camera) => elvis.warp.show(camera)", moved)
+    warped = colours(page, "warp")
+    assert np.abs(warped[12:, 30:] - before[:-12, :-30]).max() <= 1
+    page.evaluate("elvis.warp.hide()")
 
 
 def test_depths_are_stored_in_sixteen_bits(scene):
@@ -63,3 +82,38 @@ def test_depths_are_stored_in_sixteen_bits(scene):
     assert np.array_equal(parts > 0, np.isfinite(depth))
     shown = found["low"] + (parts[parts > 0] - 1.0) * (found["high"] - found["low"]) / STEPS
     assert np.abs(shown - depth[parts > 0]).max() <= (found["high"] - found["low"]) / STEPS
+
+
+def test_lines_of_drafts_are_segments(scene, tmp_path):
+    """On a plane, borders of the mesh of a draft lie where the curves of a vector figure of the same view do."""
+    import zlib
+
+    cut = CutSurface(Plane((0, 0, 0.4), (0, 0, 1)), Style(mesh_lines=MeshLines(width=2.0)))
+    camera = Camera((0.5, 0.4, 4.0), (0.5, 0.5, 0.5), (0.0, 1.0, 0.0), height=1.4)
+    how = {"objects": (cut,), "camera": camera, "size": (160, 120)}
+    data = read(*scene.data)
+    figure = render(data, "u", **how, outputs=(str(tmp_path / "figure.svg"),))
+    with drafted(segments=True):
+        draft = render(data, "u", **how, outputs=(str(tmp_path / "draft.png"),))
+    facts, numbers = motion_of(draft)
+    numbers = np.frombuffer(zlib.decompress(numbers), "<u2")
+    columns, rows = facts["size"]
+    (line,) = facts["lines"]
+    assert line["width"] == 2.0
+    x, y, depth = numbers[columns * rows :].reshape(6, line["count"])[:3].astype(float)
+    places = np.stack([x, y], axis=1) / PARTS_OF_PIXEL - facts["margin"]
+    (stroke,) = figure.drawing.strokes
+    fine = [np.linspace(one, other, 40) for own in stroke.lines for one, other in pairwise(own)]
+    gaps = np.linalg.norm(places[:, None] - np.concatenate(fine), axis=2).min(axis=1)
+    assert np.percentile(gaps, 95) < 0.15
+    assert gaps.max() < 1.0
+    # pixels under them have no lines, and a plane has depths everywhere
+    shown = facts["low"] + (depth - 1.0) * (facts["high"] - facts["low"]) / STEPS
+    assert np.ptp(shown) > 0.0
+    assert (
+        np.abs(draft.rgb.astype(int) - render(data, "u", **{**how, "objects": (CutSurface(cut.surface),)}).rgb).max()
+        <= 1
+    )
+    parts = np.cumsum(numbers[: columns * rows].reshape(rows, columns), axis=1, dtype=np.uint16)
+    step = facts["step"]
+    assert np.array_equal(parts > 0, np.isfinite(draft.depth[::step, ::step]))

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from elvis.core.arrays import Floats
 from elvis.core.memory import free_memory, size_text
 from elvis.core.terminal import Progress
+from elvis.renderer.drafts import has_segments, is_draft, traces_lines
 from elvis.renderer.hit_buffer import HitBuffer
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.rank_rows import RankRows, joined
@@ -105,6 +106,8 @@ class Canvas:
         self.contours: Counter[Status] = Counter()
         is_whole = self.view.count <= self.most and self.rows.is_alone
         self.arrays = _arrays(self.view, self.records and not is_whole)
+        if is_draft():
+            self.arrays["depth"] = np.full((self.view.height, self.view.width), inf)
 
     @property
     def _proves(self) -> bool:
@@ -137,7 +140,11 @@ class Canvas:
         drawing = replace(drawing, uncertainty=arrays["uncertainty"]) if self.records else drawing
         through = arrays["through"] if self.scene.is_clear else None
         drawing = replace(drawing, line_status=arrays["line_status"] if self._proves else None)
-        drawing = replace(drawing, through=through, strokes=self.tracer.strokes())
+        drawing = replace(drawing, through=through)
+        if has_segments(self.scene):
+            drawing = replace(drawing, segments=self.tracer.segments())
+        else:
+            drawing = replace(drawing, strokes=self.tracer.strokes())
         stats: dict[str, Any] = {"seconds": self.seconds, "bytes": {"volume": self.stages.loaded.bytes}}
         remarks = self.painter.remarks(self.draw_calls)
         if self.still:
@@ -197,7 +204,7 @@ class Canvas:
         self.still += int(np.count_nonzero(inner(self.painter.still(drawn, band.view))))
         if self.scene.is_clear:
             self._keep("through", rows, inner(self.through))
-        if self.scene.is_traced:
+        if traces_lines(self.scene):
             self.tracer.note(drawn, band.view, band.own)
         if self._proves:
             found, coverage = map(inner, self.painter.contour_status(drawn, band.view))
@@ -207,6 +214,8 @@ class Canvas:
         self._keep("status", rows, inner(np.maximum(record.status, self.volume_status)))
         if self.records:
             self._keep_record(band, record)
+        elif is_draft():
+            self._keep("depth", rows, inner(record.depth))
 
     def _keep_record(self, band: Band, record: HitBuffer) -> None:
         """Keep the channels of a band that only records have."""

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from elvis.core.arrays import Bools, Floats
 from elvis.core.errors import ElvisError
 from elvis.renderer.compositing import FragmentLists
+from elvis.renderer.drafts import traces_lines
 from elvis.renderer.draw_calls import DrawCall
 from elvis.renderer.hit_buffer import HitBuffer
 from elvis.renderer.painting import FragmentShader, Material
@@ -40,7 +41,7 @@ def radius_of_lines(scene: Scene, is_far: bool) -> int:
     lines = [line for style in styles for line in (style.contours, style.mesh_lines) if line]
     reach = max((0.5 * style.lic.length for style in styles if style.lic), default=-1.0)
     # far from the origin pixels next to visible ones are in doubt (see `passes.plane.cut`)
-    least = max(4 if scene.is_traced else 0, int(np.ceil(reach)) + 1, int(is_far))
+    least = max(4 if traces_lines(scene) else 0, int(np.ceil(reach)) + 1, int(is_far))
     return max([least, *(int(np.ceil(0.5 * line.width)) + 2 for line in lines)])
 
 
@@ -176,7 +177,7 @@ class Painter:
         light = (tuple(lights), scene.ambient) if draw_call.lit else ((), 1.0)
         mesh, contours, lic = style.mesh_lines, style.contours, style.lic
         streaks = None if lic is None else (self.stages.streaks(view, hits, lic, scene), lic.contrast)
-        if scene.is_traced:
+        if traces_lines(scene):
             return Material(colors, draw_call.opacity, *light, streaks=streaks)
         edges = None if mesh is None else (self.lines_of(draw_call).mesh(view, hits, mesh.width), mesh.color)
         levels = None

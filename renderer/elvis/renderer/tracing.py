@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.renderer.compositing import FAINT
+from elvis.renderer.drafts import has_segments, is_draft
 from elvis.renderer.draw_calls import DrawCall
 from elvis.renderer.hit_buffer import HitBuffer
 from elvis.renderer.passes.lines.lines import Lines
@@ -19,11 +20,15 @@ from elvis.renderer.shading import Painter
 from elvis.renderer.undeformed import GREY
 from elvis.renderer.visible_hits import Drawn
 from elvis.scene import Vector
-from elvis.scene.strokes import Stroke, borders, chain, meet_at_corners
+from elvis.scene.strokes import Segments, Stroke, borders, chain, meet_at_corners
 from elvis.scene.view import View
 
 #: width of lines whose distances to borders are known far enough from these, in pixels
 WIDE = 6.0
+#: the same in drafts: fewer pixels search for their distance, and next to them lines may be off by parts of a pixel
+WIDE_OF_DRAFTS = 3.0
+#: widths of a pixel by which a surface's depth changes at most from its centre to its border
+STEEP = 8.0
 #: width of outlines in pixels
 OUTLINE = 1.5
 #: part of a depth within which two surfaces are one
@@ -43,8 +48,8 @@ class StrokeStyle:
 
 #: number of what a scene draws, and of its lines among them: borders are 0, contours follow by their values
 Place: TypeAlias = tuple[int, int]
-#: short lines of one style, by their owners: starts and ends (n, 2)
-Found: TypeAlias = dict[StrokeStyle, list[tuple[Place, Floats, Floats]]]
+#: short lines of one style, by their owners: starts and ends (n, 2), and in drafts depths of both (n, 2)
+Found: TypeAlias = dict[StrokeStyle, list[tuple[Place, Floats, Floats, Floats]]]
 
 
 @dataclass(eq=False)
@@ -59,7 +64,7 @@ class Tracer:
         """All of them, joined: in an order that neither bands nor threads of a device have a part in."""
         made = []
         for style in sorted(self.found, key=self._order):
-            _, starts, ends = zip(*self.found[style], strict=True)
+            _, starts, ends, _ = zip(*self.found[style], strict=True)
             short = np.concatenate([np.concatenate(starts), np.concatenate(ends)], axis=1)
             short = short[np.lexsort(short.T)]
             lines = chain(short[:, :2], short[:, 2:])
@@ -67,9 +72,18 @@ class Tracer:
             made.append(Stroke(lines, style.width, style.color, style.opacity, style.value, style.labels))
         return tuple(made)
 
+    def segments(self) -> tuple[Segments, ...]:
+        """All of them as they are, for drafts: joining takes longer than drawing them."""
+        made = []
+        for style in sorted(self.found, key=self._order):
+            _, *parts = zip(*self.found[style], strict=True)
+            starts, ends, depths = map(np.concatenate, parts)
+            made.append(Segments(starts, ends, depths, style.width, style.color, style.opacity))
+        return tuple(made)
+
     def _order(self, style: StrokeStyle) -> tuple[Place, float]:
         """First position of a style, with faint lines before others."""
-        return min(place for place, _, _ in self.found[style]), style.opacity
+        return min(place for place, *_ in self.found[style]), style.opacity
 
     def take(self, found: Found) -> None:
         """Lines that others have gathered."""
@@ -86,9 +100,9 @@ class Tracer:
             call = self.draw_calls.index(draw_call)
             if draw_call.style.mesh_lines is not None:
                 side = hits.owner if hits.side is None else hits.side
-                lines = self._borders(draw_call.view_of(view), hits, side, self.painter.lines_of(draw_call))
-                width, color = draw_call.style.mesh_lines.width, draw_call.style.mesh_lines.color
-                self._keep(StrokeStyle(width, color, 1.0, None), (call, 0), lines, before, hits, own)
+                seen, style = draw_call.view_of(view), draw_call.style.mesh_lines
+                lines = self._borders(seen, hits, side, self.painter.lines_of(draw_call))
+                self._keep(StrokeStyle(style.width, style.color, 1.0, None), (call, 0), lines, before, hits, seen, own)
             if draw_call.style.contours is not None:
                 self._contours(view, call, hits, before, own)
         shown = [one for one in drawn if one[0].ghost is None]
@@ -100,7 +114,7 @@ class Tracer:
     def _borders(self, view: View, hits: HitBuffer, side: NDArray[np.uint32], of: Lines) -> tuple[Floats, Floats, Ints]:
         """Short lines around all pixels of one side."""
         shape = view.height, view.width
-        marks = of.mesh(view, hits, WIDE)
+        marks = of.mesh(view, hits, WIDE_OF_DRAFTS if is_draft() else WIDE)
         owner = np.where(hits.owner == NOBODY, -1, side.astype(np.int64)).reshape(shape)
         return borders(owner, marks.distance.reshape(shape), hits.depth.reshape(shape), view.first)
 
@@ -119,7 +133,7 @@ class Tracer:
         seen = np.where(np.isfinite(depth), 0, -1).reshape(shape)
         lines = borders(seen, distance.reshape(shape), depth.reshape(shape), view.first)
         style = StrokeStyle(OUTLINE, color, 1.0, None)
-        self._keep(style, (len(self.draw_calls), 0), lines, before or [], drawn[0][1], own)
+        self._keep(style, (len(self.draw_calls), 0), lines, before or [], drawn[0][1], view, own)
 
     def _contours(self, view: View, call: int, hits: HitBuffer, before: Drawn, own: Bools) -> None:
         """The contours of a surface, where it is not itself in front of them."""
@@ -136,7 +150,7 @@ class Tracer:
             here = found[found["number"] == number]
             style = StrokeStyle(contours.width, contours.color, 1.0, value, contours.labels)
             lines = here["from"], here["to"], here["pixel"].astype(np.int64)
-            self._keep(style, (call, 1 + number), lines, before, hits, own)
+            self._keep(style, (call, 1 + number), lines, before, hits, draw_call.view_of(view), own)
 
     def _keep(
         self,
@@ -145,10 +159,14 @@ class Tracer:
         lines: tuple[Floats, Floats, Ints],
         others: Sequence[tuple[DrawCall, HitBuffer]],
         hits: HitBuffer,
+        view: View,
         own: Bools,
     ) -> None:
         """Store lines (n, 2) to (n, 2) of an object on pixels (n,), faded by the surfaces in front of them."""
         starts, ends, pixel = lines
+        depths = np.zeros((len(pixel), 0))
+        if has_segments(self.painter.scene):
+            depths = np.stack([depths_at(view, hits, pixel, places) for places in (starts, ends)], axis=1)
         through = np.ones(len(pixel))
         depth = hits.depth[pixel]
         with np.errstate(invalid="ignore"):
@@ -158,4 +176,20 @@ class Tracer:
         for part in np.unique(through[through > FAINT]):
             here = through == part
             fainter = replace(style, opacity=float(part))
-            self.found.setdefault(fainter, []).append((place, starts[here], ends[here]))
+            self.found.setdefault(fainter, []).append((place, starts[here], ends[here], depths[here]))
+
+
+def depths_at(view: View, hits: HitBuffer, pixel: Ints, places: Floats) -> Floats:
+    """Depths (n,) of a surface at places (n, 2) next to the centres of pixels (n,): of its tangent planes there."""
+    depth = hits.depth[pixel]
+    normal = hits.normal[pixel]
+    origin, direction = view.rays_of(pixel)
+    points = origin + depth[:, None] * direction
+
+    # the ray o + d r of a place meets the plane n·(x - p) = 0 at d = n·(p - o) / n·r; at a silhouette that may be
+    # anywhere, and some pixels before or behind the point are enough
+    origin, direction = view.rays(places[:, 0], places[:, 1])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = ((points - origin) * normal).sum(axis=1) / (direction * normal).sum(axis=1)
+    wide = STEEP * np.linalg.norm(view.column) * (np.abs(depth) if view.perspective else 1.0)
+    return np.where(np.isfinite(found), np.clip(found, depth - wide, depth + wide), depth)

@@ -21,7 +21,7 @@ from elvis.core.quantities.derived import RECOVERED
 from elvis.scene import ColorBar, Scene, Vector
 from elvis.scene.palette import NOT_A_NUMBER, Palette, automatic_range, is_constant
 from elvis.scene.quantities import quantities
-from elvis.scene.strokes import Stroke
+from elvis.scene.strokes import Segments, Stroke
 from elvis.scene.view import PlaneView, View
 
 #: pixels whose positions are worked out at once, as pictures may be large
@@ -89,6 +89,7 @@ class Drawing:
     uncertainty  also NaN where the surface is analytic
     line_status  (h, w) Status of the pixels' contours, MISS for pixels without; None if none is known
     strokes      lines over the pixels, which then contain no lines
+    segments     the same in drafts, as short lines
     through      (h, w) visible share of the background; None: visible where nothing else is
     copies       (h, w) numbers of the copies that are visible, -1 where nothing is; None if there are no copies
     """
@@ -100,6 +101,7 @@ class Drawing:
     uncertainty: Floats | None = None
     line_status: NDArray[np.uint8] | None = None
     strokes: tuple[Stroke, ...] = ()
+    segments: tuple[Segments, ...] = ()
     through: Floats | None = None
     copies: Ints | None = None
 

@@ -38,6 +38,18 @@ class Stroke:
     labels: bool = False
 
 
+@dataclass(frozen=True, eq=False)
+class Segments:
+    """Short lines that look alike, in no order: starts and ends (n, 2), and depths (n, 2) of both."""
+
+    starts: Floats
+    ends: Floats
+    depths: Floats
+    width: float
+    color: Vector
+    opacity: float
+
+
 def chain(starts: Floats, ends: Floats) -> tuple[Floats, ...]:
     """Polylines of short lines (n, 2) to (n, 2) that share ends; where more than two meet, they end."""
     nodes, places = _nodes(np.concatenate([starts, ends]))

@@ -1,4 +1,4 @@
-"""Depths of a picture in few bytes, from which a page shows it from another camera until a draft arrives."""
+"""Depths and lines of a picture in few bytes, from which a page shows it from another camera until a draft arrives."""
 
 from __future__ import annotations
 
@@ -9,22 +9,74 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from elvis.scene.frame import Frame
+    from numpy.typing import NDArray
 
-#: pixels of the depths in each direction, at most
-MAX_SIDE = 400
+    from elvis.core.arrays import Floats
+    from elvis.scene.frame import Frame
+    from elvis.scene.strokes import Segments
+
+#: pixels of the depths in each direction, at most: of sharp pictures and of drafts, which move little
+MAX_SIDE, MAX_SIDE_OF_DRAFTS = 400, 240
 #: depths are stored as parts of their range, from 1; 0 stands for nothing
 STEPS = 65534
+#: positions of lines are stored in these parts of a pixel; pixels around the picture that lines may reach
+PARTS_OF_PIXEL, MARGIN = 16, 16
+Table = dict[str, Any]
 
 
-def depths_of(frame: Frame) -> dict[str, Any]:
+def depths_of(frame: Frame) -> Table:
     """Depths at every n-th pixel: size, smallest and largest depth, and 16-bit parts of this range as base64."""
-    height, width = frame.element.shape
-    step = -(-max(height, width) // MAX_SIDE)
-    depth = frame.depth[::step, ::step]
-    seen = np.isfinite(depth) & frame.seen[::step, ::step]
+    facts, parts = _parts_of(_finite_depth(frame), MAX_SIDE)
+    return {**facts, "data": b64encode(zlib.compress(parts.tobytes(), 1)).decode()}
+
+
+def motion_of(frame: Frame) -> tuple[Table, bytes]:
+    """What a page needs to move a draft and to draw its lines: facts, and compressed 16-bit numbers.
+
+    The numbers are the depths, as differences along rows; then for each line style six rows: columns, rows and depths
+    of the starts, and what leads from them to those of the ends.  More lines than pixels cover a surface, as the
+    contour of an isosurface's own value does: they are left out.
+    """
+    depth = _finite_depth(frame)
+    facts, parts = _parts_of(depth, MAX_SIDE_OF_DRAFTS)
+    lines = [] if frame.drawing is None else [own for own in frame.drawing.segments if len(own.starts) <= depth.size]
+    numbers = [np.diff(parts, axis=1, prepend=np.uint16(0)), *(_numbers_of(own, facts) for own in lines)]
+    styles = [
+        {"count": len(own.starts), "width": own.width, "color": list(own.color), "opacity": own.opacity}
+        for own in lines
+    ]
+    known = {"parts_of_pixel": PARTS_OF_PIXEL, "margin": MARGIN, "lines": styles}
+    return {**facts, **known}, zlib.compress(b"".join(own.astype("<u2").tobytes() for own in numbers), 1)
+
+
+def _finite_depth(frame: Frame) -> Floats:
+    """Depths (h, w) of a picture, infinite where nothing is visible."""
+    return np.where(np.isfinite(frame.depth), frame.depth, np.inf)
+
+
+def _parts_of(depth: Floats, side: int) -> tuple[Table, NDArray[np.uint16]]:
+    """Size, step between pixels, smallest and largest depth; depths (h, w) as parts of this range."""
+    step = -(-max(depth.shape) // side)
+    depth = depth[::step, ::step]
+    seen = np.isfinite(depth)
     low, high = (float(depth[seen].min()), float(depth[seen].max())) if seen.any() else (0.0, 0.0)
     parts = np.zeros(depth.shape, "<u2")
-    parts[seen] = 1 + np.rint(STEPS * (depth[seen] - low) / ((high - low) or 1.0))
-    data = b64encode(zlib.compress(parts.tobytes(), 1)).decode()
-    return {"size": [depth.shape[1], depth.shape[0]], "step": step, "low": low, "high": high, "data": data}
+    parts[seen] = _scaled(depth[seen], low, high)
+    return {"size": [depth.shape[1], depth.shape[0]], "step": step, "low": low, "high": high}, parts
+
+
+def _scaled(depth: Floats, low: float, high: float) -> Floats:
+    """Parts of a range of depths, from 1."""
+    return np.asarray(1 + np.rint(STEPS * (np.clip(depth, low, high) - low) / ((high - low) or 1.0)))
+
+
+def _numbers_of(lines: Segments, facts: Table) -> NDArray[np.uint16]:
+    """Six rows of numbers (6, n) of lines, in an order in which they compress well."""
+    places = np.concatenate([lines.starts, lines.ends], axis=1)
+    limit = np.iinfo(np.uint16).max
+    places = np.clip(np.rint(PARTS_OF_PIXEL * (places + MARGIN)), 0, limit).astype(np.uint16)
+    order = np.lexsort(places.T)
+    depths = _scaled(lines.depths[order], facts["low"], facts["high"]).astype(np.uint16)
+    starts = np.concatenate([places[order, :2], depths[:, :1]], axis=1)
+    ends = np.concatenate([places[order, 2:], depths[:, 1:]], axis=1)
+    return np.concatenate([starts, ends - starts], axis=1).T

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -79,6 +80,18 @@ class Drawer:
         """Let the picture that is being drawn be left: something newer is wanted."""
         if self._process is not None:
             self._process.newest.value = self._number + 1
+
+    @contextmanager
+    def limited(self, seconds: float | None) -> Iterator[None]:
+        """Let the picture that is requested meanwhile be left after some seconds; None for no limit."""
+        if seconds is None:
+            yield
+            return
+        end = asyncio.get_running_loop().call_later(seconds, self.make_obsolete)
+        try:
+            yield
+        finally:
+            end.cancel()
 
     @property
     def pid(self) -> int | None:

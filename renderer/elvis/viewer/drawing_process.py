@@ -18,7 +18,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from elvis.scene.permissions import HTML
-from elvis.viewer.encoding import file_of, lossless, lossy, png, with_proof
+from elvis.viewer.encoding import bare, file_of, lossless, png, with_proof
 from elvis.viewer.other_pictures import OtherPictures
 
 if TYPE_CHECKING:
@@ -35,8 +35,6 @@ if TYPE_CHECKING:
 MOST_CUTS = 5
 #: points of a line plot
 LINE_POINTS = 401
-#: rows, or columns, of pixels sampled to find the middle of the visible part
-SAMPLES = 64
 Table = dict[str, Any]
 
 
@@ -138,6 +136,7 @@ class _Drawing:
         self._answers: dict[str, Callable[[int, Any], Any]] = {
             "facts": self._facts,
             "draw": self._draw,
+            "try": self._try,
             "pick": self._pick,
             "seen": self._seen,
             "depths": self._depths,
@@ -218,10 +217,13 @@ class _Drawing:
 
         content  the scene's ``table``; ``part`` of the full size each way; whether it ``is_draft``; ``proof`` shows
                  what is not certain
+
+        The file of a draft is followed by the numbers of `motion_of`.
         """
         from elvis.renderer.drafts import drafted
         from elvis.scene.tables import scene_of
         from elvis.scene.time_limit import stopped_when
+        from elvis.viewer.depths import motion_of
         from elvis.viewer.sizing import draft_of
 
         start = perf_counter()
@@ -232,19 +234,44 @@ class _Drawing:
             scene = draft_of(scene, content["part"])
         # statistics request the proved status of contours
         scene = replace(scene, stats="proof.json") if content["proof"] and is_final else scene
-        with stopped_when(lambda: self._newest.value > number), nullcontext() if is_final else drafted():
+        # at full size lines are as sharp as pixels, and cost less there
+        kind = nullcontext() if is_final else drafted(segments=content["part"] < 1.0)
+        with stopped_when(lambda: self._newest.value > number), kind:
             frame = self._pictures.draw(scene)
         drawn = perf_counter()
         self._last = frame, not is_final
         if is_final:
             self._frame, self._frame_number = frame, number
-        file, layout = lossless(frame) if is_final else lossy(frame)
+        file, layout = lossless(frame) if is_final else bare(frame)
         if content["proof"]:
             file = with_proof(file, frame, layout.corner)
         facts = _facts_of(frame, layout)
-        facts["middle"] = _middle_of(frame) if is_final else None
+        if not is_final:
+            motion, numbers = motion_of(frame)
+            facts["motion"] = {**motion, "begin": len(file)}
+            file += numbers
         facts["seconds"] = {"draw": drawn - start, "encode": perf_counter() - drawn}
         return {**facts, "number": number, "final": is_final}, file
+
+    def _try(self, number: int, content: Table) -> bool:
+        """Whether a draft, which nobody sees, was drawn to the end: for its duration.
+
+        content  as of ``draw``
+        """
+        from elvis.core.errors import ElvisError
+        from elvis.scene.time_limit import ObsoleteError
+
+        last = self._last
+        try:
+            self._draw(number, content)
+        except ObsoleteError:
+            raise
+        except ElvisError:
+            # a small picture may miss all visible points
+            return True
+        finally:
+            self._last = last
+        return True
 
     def _in_state(self, scene: Scene) -> Dataset | PluginData | Bricks:
         """The data at the moment of a scene, at its phase and on its geometry: all answers are about these."""
@@ -492,21 +519,6 @@ def _facts_of(frame: Frame, layout: Layout) -> Table:
         "field": frame.scene.field,
         "title": frame.title,
     }
-
-
-def _middle_of(frame: Frame) -> list[float] | None:
-    """The middle (3,) of the box around visible points, from sampled pixels; None if nothing is visible."""
-    import numpy as np
-
-    step = max(1, min(frame.seen.shape) // SAMPLES)
-    rows, columns = np.nonzero(frame.seen[::step, ::step])
-    if not len(rows):
-        rows, columns = np.nonzero(frame.seen)
-        step = 1
-    if not len(rows):
-        return None
-    points = frame.points_of(columns * step, rows * step)
-    return [float(place) for place in 0.5 * (points.min(axis=0) + points.max(axis=0))]
 
 
 def _facts_of_bar(bar: BarPlace) -> Table:

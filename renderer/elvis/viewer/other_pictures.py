@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from elvis.core.errors import ElvisError
-from elvis.viewer.encoding import lossy, png
+from elvis.viewer.encoding import bare, png
 
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
@@ -41,7 +41,7 @@ class OtherPictures:
             self._pictures[name] = Pictures(dataset.others[name], self._device)
         with drafted() if is_draft else nullcontext():
             found = self._pictures[name].draw(_beside(frame))
-        file = lossy(found)[0] if is_draft else png(found.color)
+        file = bare(found)[0] if is_draft else png(found.color)
         return {"file": b64encode(file).decode(), "draft": is_draft}
 
     def clear(self) -> None:

@@ -22,7 +22,7 @@ from elvis.core.needing import require_module
 from elvis.scene.errors import SceneError
 from elvis.viewer.access import LOGGER, Connections, refusal
 from elvis.viewer.messages import id_of, table_of_text
-from elvis.viewer.session import Session, refuse
+from elvis.viewer.session import Session
 from elvis.viewer.viewers import Viewer
 
 if TYPE_CHECKING:
@@ -150,7 +150,7 @@ class Server:
                 try:
                     content = table_of_text(message.data)
                 except ElvisError as error:
-                    await refuse(viewer, str(error))
+                    await viewer.refuse(str(error))
                     continue
                 work = self.session.receive(viewer, content)
                 if id_of(content) is None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 import json
 import struct
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
@@ -24,7 +24,7 @@ from elvis.scene.whole import Scene
 from elvis.viewer import messages
 from elvis.viewer.drawer import DiedError, Drawer
 from elvis.viewer.drawing_process import Process, Source
-from elvis.viewer.messages import AnyMessage, Message, Question, id_of, parsed
+from elvis.viewer.messages import AnyMessage, Message, Question, parsed
 from elvis.viewer.page_files import views_of
 from elvis.viewer.patches import FIXED, folder_of, patched, put_back, scene_of_page, without
 from elvis.viewer.placing import TakenError, place_of
@@ -41,6 +41,8 @@ HISTORY = 200
 WATCH = 2.0
 #: deaths of the drawing process in a row after which it is not started again
 DEATHS = 3
+#: drafts that nobody sees, at most: the first one may load kernels
+TRIALS = 2
 #: pixels of a picture each way
 LEAST, MOST = 64, 8192
 #: size of bodies relative to the data's box, above which the edges of the box are also shown
@@ -49,15 +51,6 @@ LARGE_BODY = 0.3
 MOST_HIDDEN = 1000
 #: a scene's table, and the objects that are hidden: each its key and itself
 Shown: TypeAlias = tuple[Table, tuple[Table, ...]]
-
-
-async def refuse(viewer: Viewer, reason: str, message: object = None) -> None:
-    """Send the reason for rejecting a message to the page that sent it."""
-    answer: Table = {"type": "error", "text": reason}
-    own = id_of(message)
-    if own is not None:
-        answer["id"] = own
-    await viewer.send(json.dumps(answer))
 
 
 @dataclass(eq=False)
@@ -142,9 +135,9 @@ class Session:
         try:
             answer = await self._answer(viewer, parsed(message))
         except ElvisError as error:
-            await refuse(viewer, str(error), message)
+            await viewer.refuse(str(error), message)
         except Exception as error:  # a fault must not end the connection
-            await refuse(viewer, fault_sentence(error), message)
+            await viewer.refuse(fault_sentence(error), message)
         else:
             if answer is not None:
                 await viewer.send(json.dumps(answer))
@@ -481,11 +474,11 @@ class Session:
         """One picture; while something moves, and before there is any, a quick one, and a whole one after it."""
         is_moving, revision = self._is_moving, self.revision
         is_draft = is_moving or not self._has_shown
-        part = self._sizing.part(perf_counter()) if is_draft else 1.0
+        part = self._sizing.part() if is_draft else 1.0
         content = {"table": self._shown_table(), "part": part, "is_draft": is_draft, "proof": self.is_proof}
         start = perf_counter()
         try:
-            with self._giving_up(is_draft and self._sizing.is_late(part)):
+            with self._drawer.limited(LATE if is_draft and self._sizing.is_late(part) else None):
                 found = await (self._drawer.ask if is_moving else self._ask_leavably)("draw", content)
         except DiedError:
             raise
@@ -495,9 +488,9 @@ class Session:
             # only the complete picture reports errors: a small one may miss all visible points
             found, self._has_shown = None, True
         now = perf_counter()
-        if is_draft:
-            self._sizing.note(part, now - start, now)
-        elif found is not None:
+        if is_moving:
+            self._sizing.note(part, now - start)
+        elif not is_draft and found is not None:
             self._sizing.note_whole(now - start)
         if is_moving:
             asyncio.get_running_loop().call_later(REST if found else 0, self._wake.set)
@@ -508,18 +501,19 @@ class Session:
         facts, file = found
         self._has_shown = True
         await self._show({**facts, "revision": revision}, file)
+        if not is_draft:
+            await self._try(content)
 
-    @contextmanager
-    def _giving_up(self, may_be_late: bool) -> Iterator[None]:
-        """Give up the requested picture once it is late."""
-        if not may_be_late:
-            yield
-            return
-        end = asyncio.get_running_loop().call_later(LATE, self._drawer.make_obsolete)
-        try:
-            yield
-        finally:
-            end.cancel()
+    async def _try(self, content: Table) -> None:
+        """Draw drafts that nobody sees, to know how long they take; another change ends this."""
+        for _ in range(TRIALS):
+            part, start = self._sizing.trial, perf_counter()
+            if part is None or self._settled != self.revision:
+                return
+            with self._drawer.limited(LATE):
+                found = await self._ask_leavably("try", {**content, "part": part, "is_draft": True})
+            if found or perf_counter() - start >= LATE:
+                self._sizing.note(part, perf_counter() - start)
 
     async def _ask_leavably(self, name: str, content: Table) -> Any:
         """An answer that is given up, and is None, once something moves."""

@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from statistics import median_low
 from typing import Any
 
 from elvis.scene import Scene, VolumeRendering
 
 #: parts of the full size each way that a picture may have
-PARTS = (1.0, 0.5, 1 / 3, 0.25, 0.125, 0.0625)
-#: the part where nothing is known
-FIRST = 0.25
-#: seconds that a picture may take: 13 pictures a second look continuous, and are larger than quicker ones
+PARTS = (1.0, 0.75, 0.5, 1 / 3, 0.25, 0.125, 0.0625)
+#: the part where nothing is known, and below which drafts are only where they take too long
+USUAL = 1 / 3
+#: seconds that a draft may take: 13 drafts a second look continuous
 GOAL = 1 / 13
-#: seconds after which a picture is given up where it could be smaller
-LATE = 0.25
-#: multiples of the goal above which the next pictures are smaller, and below which a larger size is tried
-TOO_LONG, WELL_WITHIN = 1.4, 0.6
-#: seconds after which a size that took too long is tried again, and by which they grow each time that it fails again:
-#: the first draft may have to load kernels, but sizes don't flip within a drag
-FIRST_WAIT, GROWTH = 1.0, 4.0
+#: seconds that one of the usual part may take: the page moves the last draft with the camera until the next one
+BEARABLE = 0.3
+#: seconds after which a draft is given up where it could be smaller
+LATE = 1.0
+#: durations of a part that are remembered: their median counts, as the first may load kernels and others be disturbed
+REMEMBERED = 5
 #: a whole picture that takes another multiple of the time than the last one shows another work
 SAME_WORK = (0.5, 2.0)
 #: error of a pixel's colour, by volumes
@@ -27,58 +27,63 @@ ERROR = 0.03
 
 
 class Sizing:
-    """Durations of the last pictures; times are from one clock, in seconds."""
+    """Durations of drafts by their part of the full size; within a drag the part stays, or falls where it is late."""
 
     def __init__(self) -> None:
-        #: the last draft: its part of the full size, and the shorter of the last two durations of this part
-        self._last: tuple[float, float] | None = None
-        #: what the last draft took by itself
-        self._before = 0.0
-        #: sizes that took too long: when they are tried again, and the seconds until then
-        self._slow: dict[float, tuple[float, float]] = {}
+        self._durations: dict[float, list[float]] = {}
         self._whole: float | None = None
+        #: the part of this drag, None before it
+        self._part: float | None = None
 
-    def note(self, part: float, seconds: float, now: float) -> None:
+    def note(self, part: float, seconds: float) -> None:
         """A draft took so long, or was given up after it."""
-        is_same = self._last is not None and self._last[0] == part
-        # a single slow picture does not change the size
-        known = min(seconds, self._before) if is_same and seconds < LATE else seconds
-        if known > TOO_LONG * GOAL:
-            _, wait = self._slow.get(part, (0.0, FIRST_WAIT / GROWTH))
-            self._slow[part] = now + GROWTH * wait, GROWTH * wait
-        self._last, self._before = (part, known), seconds
+        self._durations[part] = [*self._durations.get(part, []), seconds][-REMEMBERED:]
+        if seconds >= LATE and part == self._part:
+            self._part = max((other for other in PARTS if other < part), default=part)
 
     def note_whole(self, seconds: float) -> None:
-        """A whole picture took so long; drafts cost less, so that this counts until there is one."""
+        """A whole picture took so long; drafts cost less, so that this counts until there is one.  It ends a drag."""
+        self._part = None
         before, self._whole = self._whole, seconds
         low, high = SAME_WORK
         if before is None or not low < seconds / before < high:
-            self._last = None
-            self._slow.clear()
+            self._durations.clear()
 
-    def part(self, now: float) -> float:
-        """The size of the next draft: that of the last one, unless it took too long or is much quicker than needed."""
-        if self._last is None:
-            return FIRST if self._whole is None else _fitting(1.0, self._whole)
-        part, seconds = self._last
-        if seconds > TOO_LONG * GOAL:
-            return _fitting(part, seconds)
-        larger = min((other for other in PARTS if other > part), default=part)
-        is_tried, _ = self._slow.get(larger, (now, 0.0))
-        return larger if seconds <= WELL_WITHIN * GOAL and now >= is_tried else part
+    @property
+    def trial(self) -> float | None:
+        """The part of a draft that is drawn unseen to know its duration; None if enough is known.
+
+        It takes place while nothing moves: so that the first drag finds its kernels loaded, and the right part.
+        """
+        known = self._durations.get(USUAL, [])
+        is_enough = bool(known) and (min(known) <= BEARABLE or len(known) > 1)
+        return None if self._whole is None or is_enough else USUAL
+
+    def part(self) -> float:
+        """The size of the next draft."""
+        if self._part is None:
+            self._part = self._chosen()
+        return self._part
 
     def is_late(self, part: float) -> bool:
         """Whether a draft of this part is to be given up once it is late: where a smaller one can be had.
 
         The first picture of all is not, as it compiles.
         """
-        return part > PARTS[-1] and (self._last is not None or self._whole is not None)
+        return part > PARTS[-1] and (bool(self._durations) or self._whole is not None)
 
+    def _chosen(self) -> float:
+        """The largest part in time, at least the usual one if that is bearable, else the largest one that is."""
+        quick = [part for part in PARTS if self._expected(part) <= GOAL]
+        bearable = [part for part in PARTS if part <= USUAL and self._expected(part) <= BEARABLE]
+        return max([*quick, *bearable], default=PARTS[-1])
 
-def _fitting(part: float, seconds: float) -> float:
-    """The largest size that is expected in time, else the smallest: a picture of a part took so long, by its pixels."""
-    fitting = [other for other in PARTS if other <= part and seconds * (other / part) ** 2 <= GOAL]
-    return max(fitting, default=PARTS[-1])
+    def _expected(self, part: float) -> float:
+        """Seconds of a draft: as of its last ones, at most by its pixels as of smaller ones; else as of larger ones."""
+        if self._durations:
+            scaled = {other: median_low(own) * (part / other) ** 2 for other, own in self._durations.items()}
+            return min((seconds for other, seconds in scaled.items() if other <= part), default=scaled[min(scaled)])
+        return (self._whole or 0.0) * part**2 if self._whole is not None or part <= USUAL else float("inf")
 
 
 def draft_of(scene: Scene, part: float) -> Scene:

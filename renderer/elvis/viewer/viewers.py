@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
+
+from elvis.viewer.messages import id_of
 
 #: pictures on their way to a page that it has not confirmed, at most
 UNCONFIRMED = 2
@@ -38,3 +41,11 @@ class Viewer:
         if self.waiting is not None:
             message, self.waiting, self.sent = self.waiting, None, self.sent + 1
             await self.send(message)
+
+    async def refuse(self, reason: str, message: object = None) -> None:
+        """Send the reason for rejecting a message to the page that sent it."""
+        answer: dict[str, Any] = {"type": "error", "text": reason}
+        own = id_of(message)
+        if own is not None:
+            answer["id"] = own
+        await self.send(json.dumps(answer))

@@ -506,7 +506,7 @@ class Handles {
       this.svg.replaceChildren();
       return;
     }
-    this.camera = { up: [0, 0, 1], ...picture.camera };
+    this.camera = { up: [0, 0, 1], ...(this.viewer.warp.camera ?? picture.camera) };
     const [left, top, width, height] = picture.image;
     this.size = [width, height];
     this.svg.setAttribute("viewBox", `${-left} ${-top} ${canvas.width} ${canvas.height}`);
@@ -981,91 +981,442 @@ class BarGrips {
   }
 }
 
-// ---------------------------------------------------------------- the last sharp picture from a moved camera
+// ---------------------------------------------------------------- the last picture from a moved camera
 
-// The last whole picture, moved with the camera by the depths of its pixels, until a draft arrives.
+//: colours of a sharp picture that move with the camera, at most
+const MOST_MOVED = 1e6;
+
+// 16-bit numbers from compressed bytes
+async function unpacked(bytes) {
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
+  return new Uint16Array(await new Response(stream).arrayBuffer());
+}
+
+// x' = A x + b maps points from the frame (right, up, forward) of one camera to that of another one; and world units of a pixel
+// of pictures of a height, at distance one in perspective
+function passage(first, camera, height) {
+  const old = frameOf(first, height), now = frameOf(camera, height), offset = minus(first.eye, camera.eye);
+  const rows = [now.right, now.up, now.forward].map((axis) => [dot(axis, old.right), dot(axis, old.up), dot(axis, old.forward), dot(axis, offset)]);
+  return { rows, from: first.fov ? old.pixel / old.distance : old.pixel, to: camera.fov ? now.pixel / now.distance : now.pixel };
+}
+
+// whether two cameras show the same, but for a shift and a scale
+function isShift(first, camera) {
+  if (first.fov || camera.fov) return false;
+  const old = frameOf(first, 1), now = frameOf(camera, 1);
+  return Math.min(dot(old.right, now.right), dot(old.forward, now.forward)) > 1 - 1e-12;
+}
+
+// The last picture, sharp or a draft, moved with the camera by the depths of its pixels until the next one arrives; over it the
+// lines of a draft, as sharp as the page allows.
 class Warp {
   constructor(viewer) {
-    Object.assign(this, { viewer, sharp: null });
-    this.canvas = make("canvas", { className: "elvis-warp", hidden: true, "aria-hidden": "true" });
+    // source: the last picture; camera: that of what is shown, null while that is the last picture itself
+    Object.assign(this, { viewer, source: null, camera: null });
+    const layer = () => make("canvas", { className: "elvis-warp", hidden: true, ariaHidden: "true" });
+    this.canvas = layer();
+    this.lines = layer();
+    this.axes = new MovingAxes(viewer);
+    this.layers = [this.canvas, this.lines, this.axes.canvas];
+  }
+
+  get paper() {
+    const [red, green, blue] = this.viewer.background.map((part) => Math.round(255 * part));
+    return ((255 << 24) | (blue << 16) | (green << 8) | red) >>> 0;
+  }
+
+  // a picture's colours in a number of pixels, and the camera from which it shows them
+  take(picture, corner, [width, height], lines) {
+    const { image, camera } = this.viewer.picture;
+    const canvas = new OffscreenCanvas(width, height);
+    canvas.getContext("2d", { willReadFrequently: true }).drawImage(picture, ...corner, 0, 0, width, height);
+    this.source = { canvas, width, height, image: image.slice(2), camera: { up: [0, 0, 1], ...camera }, lines };
   }
 
   // take a whole picture; its depths follow
   async keep() {
     this.hide();
-    this.sharp = null;
-    const { viewer } = this, { picture } = viewer;
-    if (viewer.facts?.kind !== "solid" || !picture.camera) return;
+    this.source = null;
+    const { viewer } = this, { picture } = viewer, { kind } = viewer.facts ?? {};
+    if (!kind || kind === "line" || !picture.camera) return;
+    const [, , width, height] = picture.image, part = Math.min(1, Math.sqrt(MOST_MOVED / (width * height)));
+    this.take(viewer.canvas, picture.image, [Math.ceil(part * width), Math.ceil(part * height)], []);
+    const { source } = this;
+    if (kind === "plane") return;
     const found = await viewer.ask("depths", null).catch(() => null);
-    if (!found || found.number !== viewer.picture.number || !viewer.isWhole) return;
-    const bytes = Uint8Array.from(atob(found.data), (one) => one.charCodeAt(0));
-    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
-    const parts = new Uint16Array(await new Response(stream).arrayBuffer());
-    if (found.number !== viewer.picture.number || !viewer.isWhole) return;
-    this.sharp = { ...found, parts, camera: picture.camera, image: picture.image.slice(2), pixels: this.pixelsOf(found, picture.image) };
+    if (found?.number !== picture.number) return;
+    const parts = await unpacked(Uint8Array.from(atob(found.data), (one) => one.charCodeAt(0)));
+    if (source === this.source) Object.assign(source, { known: found, parts, cell: width / source.width / found.step });
   }
 
-  // colours of the picture at the pixels that have depths
-  pixelsOf({ size: [width, height], step }, [left, top]) {
-    const small = new OffscreenCanvas(width, height).getContext("2d");
-    small.imageSmoothingEnabled = false;
-    small.drawImage(this.viewer.canvas, left, top, width * step, height * step, 0, 0, width, height);
-    return new Uint32Array(small.getImageData(0, 0, width, height).data.buffer);
+  // take a draft, whose depths and lines are at hand, and show it from where the camera is now
+  draft({ motion, camera }, picture, numbers) {
+    const { width, height } = picture, { image } = this.viewer.picture;
+    const [columns, rows] = motion.size, parts = numbers.slice(0, columns * rows);
+    for (let at = 0; at < parts.length; at++) if (at % columns) parts[at] += parts[at - 1];
+    this.take(picture, [0, 0, width, height], [width, height], this.linesOf(motion, numbers.subarray(parts.length), image[2] / width, image[3] / height));
+    if (this.viewer.facts?.kind !== "plane") Object.assign(this.source, { known: motion, parts, cell: 1 / motion.step });
+    this.canvas.hidden = true;
+    this.show(this.viewer.camera ?? this.source.camera);
+  }
+
+  // lines of each style: column and row on the picture and depth of both ends
+  linesOf({ lines, low, high, parts_of_pixel, margin }, numbers, scaleX, scaleY) {
+    let begin = 0;
+    return lines.map(({ count, ...style }) => {
+      const ends = new Float64Array(6 * count), span = (high - low) / 65534;
+      const read = [(one) => (one / parts_of_pixel - margin + 0.5) * scaleX, (one) => (one / parts_of_pixel - margin + 0.5) * scaleY, (one) => low + (one - 1) * span];
+      for (let row = 0; row < 3; row++) {
+        const first = begin + row * count, second = first + 3 * count;
+        for (let k = 0; k < count; k++) {
+          ends[6 * k + row] = read[row](numbers[first + k]);
+          ends[6 * k + 3 + row] = read[row]((numbers[first + k] + numbers[second + k]) & 65535);
+        }
+      }
+      begin += 6 * count;
+      return { ...style, ends };
+    });
   }
 
   hide() {
-    this.canvas.hidden = true;
+    for (const layer of this.layers) layer.hidden = true;
+    this.camera = null;
   }
 
-  // show the picture from a camera; each pixel moves to where the camera sees its point, the nearest one counts
+  // show the last picture from a camera
   show(camera) {
-    if (!this.sharp) return;
-    const { size: [width, height], image } = this.sharp;
-    const target = new ImageData(width, height), colors = new Uint32Array(target.data.buffer);
-    const [red, green, blue] = this.viewer.background.map((part) => Math.round(255 * part));
-    colors.fill(((255 << 24) | (blue << 16) | (green << 8) | red) >>> 0);
-    this.splat(camera, colors, new Float32Array(width * height).fill(Infinity));
-    Object.assign(this.canvas, { width, height });
-    this.canvas.getContext("2d").putImageData(target, 0, 0);
-    this.place(image);
+    const { source } = this;
+    if (!source) return;
+    const isSame = ["eye", "at", "up", "fov", "height"].every((key) => String(camera[key] ?? "") === String(source.camera[key] ?? ""));
+    if (isSame) this.canvas.hidden = true;
+    else if (isShift(source.camera, camera)) this.shift(camera);
+    else if (source.parts) this.splat(camera);
+    else return;
+    this.camera = camera;
+    this.stroke(camera);
+    this.axes.draw(camera);
+    this.place();
+    this.viewer.handles.draw();
   }
 
-  // x' = A x + b maps points from the first camera's frame (right, up, forward) to the second one's
-  splat(camera, colors, depths) {
-    const { size: [width, height], step, low, high, parts, pixels, camera: first, image } = this.sharp;
-    const full = { up: [0, 0, 1], ...first }, old = frameOf(full, image[1]), now = frameOf(camera, image[1]);
-    const axes = [now.right, now.up, now.forward], offset = minus(full.eye, camera.eye);
-    const map = axes.map((axis) => [dot(axis, old.right), dot(axis, old.up), dot(axis, old.forward), dot(axis, offset)]);
-    // world units of a stored pixel: at distance one in perspective
-    const unit_ = (full.fov ? old.pixel / old.distance : old.pixel) * step, next = (camera.fov ? now.pixel / now.distance : now.pixel) * step;
-    const [middleX, middleY] = [image[0] / 2 / step, image[1] / 2 / step], span = (high - low) / 65534;
+  // parallel views in one direction differ by a shift and a scale
+  shift(camera) {
+    const { canvas, image: [width, height], camera: first } = this.source;
+    const { rows: [x, y], from, to } = passage(first, camera, height), scale = from / to;
+    Object.assign(this.canvas, { width, height });
+    const context = this.canvas.getContext("2d");
+    context.fillStyle = this.viewer.paper;
+    context.fillRect(0, 0, width, height);
+    context.setTransform(scale, 0, 0, scale, (width * (1 - scale)) / 2 + x[3] / to, (height * (1 - scale)) / 2 - y[3] / to);
+    context.drawImage(canvas, 0, 0, width, height);
+    this.canvas.hidden = false;
+  }
+
+  // each pixel moves to where the camera sees its point, the nearest one counts
+  splat(camera) {
+    const { width, height, image, camera: first } = this.source, { pixels, depths, behind } = this.points();
+    const { rows: [a, b, c], from, to } = passage(first, camera, image[1]), scale = image[1] / height;
+    const target = new ImageData(width, height), colors = new Uint32Array(target.data.buffer), nearest = new Float32Array(width * height).fill(Infinity);
+    const empty = new Uint8Array(width * height);
+    colors.fill(this.paper);
+    const middleX = width / 2, middleY = height / 2, isPerspective = Boolean(first.fov), isSeenInPerspective = Boolean(camera.fov);
     for (let row = 0, at = 0; row < height; row++) {
       for (let column = 0; column < width; column++, at++) {
-        if (!parts[at]) continue;
-        const depth = low + (parts[at] - 1) * span, scale = full.fov ? unit_ * depth : unit_;
-        const x = (column - middleX) * scale, y = (middleY - row) * scale;
-        const far = map[2][0] * x + map[2][1] * y + map[2][2] * depth + map[2][3];
-        const shrink = camera.fov ? next * far : next;
+        const depth = depths[at];
+        if (depth === Infinity) continue;
+        const wide = from * scale * (isPerspective ? depth : 1), x = (column + 0.5 - middleX) * wide, y = (middleY - row - 0.5) * wide;
+        const far = c[0] * x + c[1] * y + c[2] * depth + c[3], shrink = to * scale * (isSeenInPerspective ? far : 1);
         if (!(shrink > 0)) continue;
-        const toX = Math.floor(middleX + (map[0][0] * x + map[0][1] * y + map[0][2] * depth + map[0][3]) / shrink);
-        const toY = Math.floor(middleY - (map[1][0] * x + map[1][1] * y + map[1][2] * depth + map[1][3]) / shrink);
-        // two by two pixels, so that stretched parts have few holes
-        for (let k = 0; k < 4; k++) {
-          const px = toX + (k & 1), py = toY + (k >> 1), to = py * width + px;
-          if (px < 0 || py < 0 || px >= width || py >= height || far >= depths[to]) continue;
-          depths[to] = far;
-          colors[to] = pixels[at];
+        const px = Math.floor(middleX + (a[0] * x + a[1] * y + a[2] * depth + a[3]) / shrink);
+        const py = Math.floor(middleY - (b[0] * x + b[1] * y + b[2] * depth + b[3]) / shrink);
+        if (px < 0 || py < 0 || px >= width || py >= height) continue;
+        const to_ = py * width + px;
+        if (depth === behind) empty[to_] = 1;
+        else if (far < nearest[to_]) {
+          nearest[to_] = far;
+          colors[to_] = pixels[at];
+        }
+      }
+    }
+    this.close(colors, nearest, empty, width, height);
+    this.mend(colors, nearest, width, height);
+    Object.assign(this.canvas, { width, height });
+    this.canvas.getContext("2d").putImageData(target, 0, 0);
+    this.canvas.hidden = false;
+  }
+
+  // what nearer surfaces have hidden before continues the farther one of the pixels on both sides, unless the background has moved there
+  close(colors, nearest, empty, width, height) {
+    const most = Math.ceil(width / 8);
+    for (let row = 0; row < height; row++) {
+      const start = row * width, end = start + width;
+      for (let at = start; at < end; at++) {
+        if (nearest[at] !== Infinity) continue;
+        const begin = at;
+        while (at < end && nearest[at] === Infinity) at++;
+        if (begin === start || at === end || at - begin > most) continue;
+        const color = colors[nearest[begin - 1] > nearest[at] ? begin - 1 : at];
+        for (let hole = begin; hole < at; hole++) if (!empty[hole]) colors[hole] = color;
+      }
+    }
+  }
+
+  // cracks in stretched surfaces, up to three pixels wide, through which one sees what is behind: with the surface on both sides
+  mend(colors, nearest, width, height) {
+    const { low, high } = this.source.known, gap = 0.01 * (high - low);
+    for (let row = 2; row < height - 2; row++) {
+      for (let at = row * width + 2, end = (row + 1) * width - 2; at < end; at++) {
+        const limit = nearest[at] - gap;
+        for (const step of [1, width]) {
+          const isBefore = nearest[at - step] < limit, isAfter = nearest[at + step] < limit;
+          if (!((isBefore || nearest[at - 2 * step] < limit) && (isAfter || nearest[at + 2 * step] < limit))) continue;
+          colors[at] = colors[isBefore ? at - step : isAfter ? at + step : at - 2 * step];
+          break;
         }
       }
     }
   }
 
-  place(image) {
-    const { picture, density } = this.viewer, { size, step } = this.sharp;
-    const [left, top] = picture.image.map((one) => one / density);
-    Object.assign(this.canvas.style, { left: `${left}px`, top: `${top}px`, width: `${(size[0] * step) / density}px`, height: `${(size[1] * step) / density}px`,
-      clipPath: `inset(0 ${(size[0] * step - image[0]) / density}px ${(size[1] * step - image[1]) / density}px 0)` });
-    this.canvas.hidden = false;
+  // colours and depths of the picture's pixels, once; pixels of volumes get a depth between the others, empty ones one behind all
+  points() {
+    const { source } = this, { width, height, canvas, parts, known: { size: [columns, rows], low, high }, cell } = source;
+    if (source.depths) return source;
+    const pixels = new Uint32Array(canvas.getContext("2d").getImageData(0, 0, width, height).data.buffer), { paper } = this;
+    const depths = new Float32Array(width * height), span = (high - low) / 65534;
+    const hasVolume = this.viewer.listed().some(({ item }) => item.kind === "volume");
+    const usual = high > 0 ? (low + high) / 2 : length(minus(source.camera.at, source.camera.eye)), behind = high + 0.01 * (high - low) + 1e-9 * usual;
+    for (let row = 0, at = 0; row < height; row++) {
+      const j = Math.min(rows - 1, Math.floor(row * cell));
+      for (let column = 0; column < width; column++, at++) {
+        const i = Math.min(columns - 1, Math.floor(column * cell)), isPaper = pixels[at] === paper;
+        let part = parts[j * columns + i];
+        // depths are coarser than colours: at an edge the neighbours know better
+        if (isPaper ? part : !part) {
+          for (const [x, y] of [[i - 1, j], [i + 1, j], [i, j - 1], [i, j + 1]]) {
+            if (x < 0 || y < 0 || x >= columns || y >= rows) continue;
+            const other = parts[y * columns + x];
+            if (isPaper ? !other : other) part = other;
+          }
+        }
+        depths[at] = part ? low + (part - 1) * span : isPaper ? behind : hasVolume ? usual : Infinity;
+      }
+    }
+    return Object.assign(source, { pixels, depths, behind: Math.fround(behind) });
+  }
+
+  // column and row of the stored depths where the picture shows a point, and its depth; null beside the picture
+  cellOf(point) {
+    const { source } = this, { image: [width, height], known: { size: [columns, rows] }, cell } = source;
+    const { x, y } = seenAt(source.camera, point, source.image), column = Math.floor(((x * source.width) / width) * cell), row = Math.floor(((y * source.height) / height) * cell);
+    if (!(column >= 0 && row >= 0 && column < columns && row < rows)) return null;
+    return { at: row * columns + column, depth: dot(minus(point, source.camera.eye), frameOf(source.camera, 1).forward) };
+  }
+
+  // whether the picture shows something in front of a point, by more than its depths are coarse
+  hides(point) {
+    const { parts, known, image, camera } = this.source ?? {}, found = parts ? this.cellOf(point) : null;
+    if (!found || !parts[found.at]) return false;
+    const coarse = (6 * seenAt(camera, point, image).pixel * image[0]) / known.size[0];
+    return known.low + ((parts[found.at] - 1) * (known.high - known.low)) / 65534 < found.depth - coarse;
+  }
+
+  // the point that the picture shows at a column and row of its stored depths, null where it shows nothing
+  pointAt(column, row) {
+    const { image: [width, height], camera, known: { size: [columns, rows], low, high }, parts, cell, width: wide, height: tall } = this.source;
+    const part = column >= 0 && row >= 0 && column < columns && row < rows ? parts[row * columns + column] : 0;
+    if (!part) return null;
+    const { right, up, forward, pixel, distance } = frameOf(camera, height), depth = low + ((part - 1) * (high - low)) / 65534;
+    const scale = camera.fov ? (pixel * depth) / distance : pixel;
+    const x = (((column + 0.5) / cell) * width) / wide - width / 2, y = height / 2 - (((row + 0.5) / cell) * height) / tall;
+    return plus(camera.eye, plus(plus(times(x * scale, right), times(y * scale, up)), times(depth, forward)));
+  }
+
+  // the point of the picture under a pointer, null where there is none or depths are not known
+  under([x, y]) {
+    if (!this.source?.parts) return null;
+    const { image: [width, height], cell, width: wide, height: tall } = this.source;
+    return this.pointAt(Math.floor(((x * wide) / width) * cell), Math.floor(((y * tall) / height) * cell));
+  }
+
+  // middle and diagonal of the box around the points of the picture that a camera sees, null if there are none
+  seen(camera) {
+    if (!this.source?.parts) return null;
+    const { known: { size: [columns, rows] }, image } = this.source, step = Math.max(1, Math.floor(Math.min(columns, rows) / 64));
+    const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
+    for (let row = 0; row < rows; row += step) {
+      for (let column = 0; column < columns; column += step) {
+        const point = this.pointAt(column, row), place = point && seenAt(camera, point, image);
+        if (!place || place.pixel <= 0 || place.x < 0 || place.y < 0 || place.x > image[0] || place.y > image[1]) continue;
+        for (let i = 0; i < 3; i++) {
+          low[i] = Math.min(low[i], point[i]);
+          high[i] = Math.max(high[i], point[i]);
+        }
+      }
+    }
+    return low[0] <= high[0] ? { middle: times(0.5, plus(low, high)), size: length(minus(high, low)) } : null;
+  }
+
+  // the lines of a draft, which its pixels don't contain
+  stroke(camera) {
+    const { lines, image: [width, height], camera: first } = this.source;
+    this.lines.hidden = !lines.length;
+    if (!lines.length) return;
+    const { rows: [a, b, c], from, to } = passage(first, camera, height);
+    Object.assign(this.lines, { width, height });
+    const context = this.lines.getContext("2d");
+    context.lineCap = "round";
+    for (const { ends, width: thick, color, opacity } of lines) {
+      context.beginPath();
+      for (let at = 0; at < ends.length; at += 3) {
+        const depth = ends[at + 2], wide = from * (first.fov ? depth : 1), x = (ends[at] - width / 2) * wide, y = (height / 2 - ends[at + 1]) * wide;
+        const shrink = to * (camera.fov ? c[0] * x + c[1] * y + c[2] * depth + c[3] : 1);
+        const px = width / 2 + (a[0] * x + a[1] * y + a[2] * depth + a[3]) / shrink, py = height / 2 - (b[0] * x + b[1] * y + b[2] * depth + b[3]) / shrink;
+        if (at % 6) context.lineTo(px, py);
+        else context.moveTo(px, py);
+      }
+      context.lineWidth = thick;
+      context.strokeStyle = `rgba(${color.map((part) => Math.round(255 * part))}, ${opacity})`;
+      context.stroke();
+    }
+  }
+
+  place() {
+    const { picture, density } = this.viewer, [left, top, width, height] = picture.image.map((one) => one / density);
+    const style = { left: `${left}px`, top: `${top}px`, width: `${width}px`, height: `${height}px` };
+    for (const layer of [this.canvas, this.lines]) Object.assign(layer.style, style);
+  }
+}
+
+// The box of the data and its axes while the camera moves: those of the last sharp picture are out of place.
+class MovingAxes {
+  constructor(viewer) {
+    this.viewer = viewer;
+    this.canvas = make("canvas", { className: "elvis-warp", hidden: true, ariaHidden: "true" });
+  }
+
+  draw(camera) {
+    const { table, facts, picture, canvas: { width, height }, paper, background } = this.viewer;
+    this.canvas.hidden = !((table.axes || table.box) && facts?.box);
+    if (this.canvas.hidden) return;
+    const [left, top, ...size] = picture.image, context = this.canvas.getContext("2d"), isDark = 0.2126 * background[0] + 0.7152 * background[1] + 0.0722 * background[2] < 0.4;
+    Object.assign(this.canvas, { width, height });
+    Object.assign(this.canvas.style, { width: this.viewer.canvas.style.width, height: this.viewer.canvas.style.height });
+    Object.assign(this, { context, size, camera, unit: Math.max(10, Math.round(Math.min(...size) / 45)) });
+    context.fillStyle = paper;
+    if (table.axes) this.clear([left, top, ...size], width, height);
+    context.translate(left, top);
+    context.fillStyle = context.strokeStyle = isDark ? "rgb(235, 235, 235)" : "rgb(30, 30, 30)";
+    context.font = `${Math.round(1.15 * this.unit)}px sans-serif`;
+    context.lineWidth = Math.max(1, 0.08 * this.unit);
+    const axes = [0, 1, 2].filter((axis) => facts.box[1][axis] > facts.box[0][axis]), edges = axes.flatMap((axis) => this.edges(axis, axes));
+    if (table.box) for (const { ends } of edges) this.edge(ends);
+    const sides = table.axes ? this.sides() : null;
+    if (sides) context.strokeRect(0, 0, ...size);
+    if (table.axes) for (const ruler of sides ?? this.rulers(edges)) this.rule(ruler);
+  }
+
+  // the ticks of the last sharp picture lie to the left and below; bars stay
+  clear([left, top, width, height], right, bottom) {
+    const { bars } = this.viewer.picture, below = Math.min(bottom, ...bars.map(({ box }) => box[1]).filter((one) => one > top + height));
+    this.context.fillRect(0, top, left, below - top);
+    this.context.fillRect(0, top + height, left + width, below - top - height);
+  }
+
+  seen(point) {
+    return seenAt(this.camera, point, this.size);
+  }
+
+  // the edges of the box along an axis; a flat box has fewer
+  edges(axis, axes) {
+    const [low, high] = this.viewer.facts.box, others = axes.filter((other) => other !== axis);
+    return Array.from({ length: 2 ** others.length }, (_, chosen) => {
+      const start = low.map((value, i) => (others.includes(i) && (chosen >> others.indexOf(i)) & 1 ? high[i] : value));
+      return { axis, ends: [start, start.map((value, i) => (i === axis ? high[i] : value))] };
+    });
+  }
+
+  // an edge of the box, where nothing is in front of it
+  edge([start, end]) {
+    const { context } = this, count = 100;
+    let isDown = false;
+    context.beginPath();
+    for (let k = 0; k <= count; k++) {
+      const point = plus(start, times(k / count, minus(end, start))), { x, y } = this.seen(point), isFree = !this.viewer.warp.hides(point);
+      if (isFree && isDown) context.lineTo(x, y);
+      else context.moveTo(x, y);
+      isDown = isFree;
+    }
+    context.save();
+    context.clip(this.window());
+    context.stroke();
+    context.restore();
+  }
+
+  window() {
+    const window = new Path2D();
+    window.rect(0, 0, ...this.size);
+    return window;
+  }
+
+  // rulers below and to the left of a parallel view along an axis; null for others
+  sides() {
+    const { right, up, pixel } = frameOf(this.camera, this.size[1]), [width, height] = this.size;
+    const along = [right, up].map((way) => way.findIndex((part) => Math.abs(part) > 1 - 1e-12));
+    if (this.camera.fov || along.includes(-1)) return null;
+    return [0, 1].map((k) => {
+      const axis = along[k], sign = [right, up][k][axis], half = (this.size[k] / 2) * pixel, middle = this.camera.eye[axis];
+      const place = (value) => (k ? { x: 0, y: height / 2 - ((value - middle) * sign) / pixel } : { x: width / 2 + ((value - middle) * sign) / pixel, y: height });
+      return { axis, line: k ? [{ x: 0, y: height }, { x: 0, y: 0 }] : [{ x: 0, y: height }, { x: width, y: height }], away: k ? [-1, 0] : [0, 1],
+        marks: roundValues(middle - half, middle + half).map((value) => ({ value, ...place(value) })) };
+    });
+  }
+
+  // a ruler for each axis along an edge of the box that is a silhouette: the lowest one, or the leftmost
+  rulers(edges) {
+    const box = this.viewer.facts.box, middle = times(0.5, plus(...box)), centre = this.seen(middle), best = {};
+    for (const { axis, ends } of edges) {
+      const line = ends.map((point) => this.seen(point)), [dx, dy] = [line[1].x - line[0].x, line[1].y - line[0].y];
+      if (!(Math.hypot(dx, dy) >= 20) || !this.isSilhouette(axis, ends, middle)) continue;
+      const rank = Math.abs(dx) > Math.abs(dy) ? line[0].y + line[1].y : -line[0].x - line[1].x;
+      if (rank > (best[axis]?.rank ?? -Infinity)) best[axis] = { rank, axis, ends, line };
+    }
+    return Object.values(best).map(({ axis, ends, line }) => {
+      const [dx, dy] = [line[1].x - line[0].x, line[1].y - line[0].y], size = Math.hypot(dx, dy);
+      const outwards = (dy * (line[0].x + line[1].x - 2 * centre.x) - dx * (line[0].y + line[1].y - 2 * centre.y)) / size;
+      const away = times(outwards > 0 ? 1 / size : -1 / size, [dy, -dx]);
+      const marks = roundValues(ends[0][axis], ends[1][axis]).map((value) => ({ value, ...this.seen(ends[0].map((own, i) => (i === axis ? value : own))) }));
+      return { axis, line, away, marks };
+    });
+  }
+
+  // whether one of the two sides of the box at an edge faces the eye and the other does not
+  isSilhouette(axis, ends, middle) {
+    const [low, high] = this.viewer.facts.box, towards = this.camera.fov ? minus(times(0.5, plus(...ends)), this.camera.eye) : minus(this.camera.at, this.camera.eye);
+    const faced = [0, 1, 2].filter((other) => other !== axis).map((other) => towards[other] * (ends[0][other] - middle[other]) < 0);
+    return faced[0] !== faced[1] || low.some((value, i) => value === high[i]);
+  }
+
+  rule({ axis, line, away, marks }) {
+    const { context, unit } = this, [x, y] = away;
+    context.textAlign = Math.abs(x) < 0.5 ? "center" : x < 0 ? "right" : "left";
+    context.textBaseline = Math.abs(y) < 0.5 ? "middle" : y > 0 ? "top" : "bottom";
+    context.beginPath();
+    context.moveTo(line[0].x, line[0].y);
+    context.lineTo(line[1].x, line[1].y);
+    // as many marks as their texts leave room for
+    const wide = Math.max(0, ...marks.map(({ value }) => context.measureText(short(value)).width)), need = Math.abs(x) * 1.4 * unit + Math.abs(y) * (wide + unit);
+    const apart = marks.length > 1 ? Math.hypot(marks[1].x - marks[0].x, marks[1].y - marks[0].y) : need, every = Math.ceil(need / apart);
+    let extent = 0;
+    for (const mark of marks.filter((_, k) => k % every === 0)) {
+      const text = short(mark.value);
+      context.moveTo(mark.x, mark.y);
+      context.lineTo(mark.x + 0.35 * unit * x, mark.y + 0.35 * unit * y);
+      context.fillText(text, mark.x + 0.6 * unit * x, mark.y + 0.6 * unit * y);
+      extent = Math.max(extent, Math.abs(x) * context.measureText(text).width + Math.abs(y) * 1.15 * unit);
+    }
+    context.stroke();
+    const far = 1.1 * unit + extent;
+    context.fillText("xyz"[axis], (line[0].x + line[1].x) / 2 + far * x, (line[0].y + line[1].y) / 2 + far * y);
   }
 }
 
@@ -1390,6 +1741,8 @@ const COLOUR = ["field", "palette", "range", "bar"];
 const LIGHT = ["lights", "ambient", "background", "samples"];
 const FIGURE = ["title", "axes", "scale_bar", "box", "outline", "font_size"];
 const STEP = Math.PI / 24;
+//: diagonals of the picture above which that of the box around what is visible is deep
+const DEEP = 2;
 //: background of pictures on dark pages
 const DARK = [0.086, 0.098, 0.114];
 //: pixels by which a key moves the cross, or a grip of a handle
@@ -2209,7 +2562,7 @@ class Viewer {
     this.warp = new Warp(this);
     this.barGrips = new BarGrips(this);
     this.timeBar = new TimeBar(this);
-    this.canvas.after(this.warp.canvas, ...this.beside.parts, this.barGrips.svg, this.handles.svg);
+    this.canvas.after(...this.warp.layers, ...this.beside.parts, this.barGrips.svg, this.handles.svg);
     this.panel = make("section", { className: "elvis-panel", ariaLabel: "settings" });
     this.tree = new DataTree(this);
     // a slider that is being dragged must stay in the page
@@ -2340,7 +2693,10 @@ class Viewer {
     }
     this.arrived();
     // a rejected change has not moved the camera
-    if (!this.dragged && !this.rolling) this.camera = null;
+    if (!this.dragged && !this.rolling) {
+      this.camera = null;
+      this.warp.hide();
+    }
     this.error.textContent = text;
     // an empty view gets a button to fit the scene
     if (fit) this.error.append(" ", make("button", { type: "button", title: "Fit the whole scene in this direction", onclick: () => this.fit() }, "fit"));
@@ -2380,11 +2736,13 @@ class Viewer {
 
   // pictures are shown in the order in which they arrive, however long each takes to decode
   queue(facts, buffer) {
-    const decoded = createImageBitmap(new Blob([buffer]));
-    this.showing = Promise.all([decoded, this.showing]).then(([picture]) => this.show(facts, picture));
+    const bytes = new Uint8Array(buffer.buffer ?? buffer, buffer.byteOffset ?? 0, buffer.byteLength), end = facts.motion?.begin ?? bytes.length;
+    const decoded = createImageBitmap(new Blob([bytes.subarray(0, end)]));
+    const numbers = facts.motion ? unpacked(bytes.subarray(end)) : null;
+    this.showing = Promise.all([decoded, numbers, this.showing]).then(([picture, found]) => this.show(facts, picture, found));
   }
 
-  show(facts, picture) {
+  show(facts, picture, numbers) {
     this.model.send({ type: "shown" });
     this.drawn = facts.revision;
     this.recover("picture", facts.revision);
@@ -2407,13 +2765,11 @@ class Viewer {
     if (this.facts) this.facts.range = facts.ranges[facts.field];
     this.perspectiveButton.ariaPressed = String(Boolean(facts.camera.fov));
     this.root.dataset.final = facts.final ? facts.revision : "";
+    if (facts.final) this.warp.keep();
+    else this.warp.draft(facts, picture, numbers);
     picture.close();
     this.overlay();
-    if (!facts.final) {
-      this.warp.hide();
-      return this.beside.draft();
-    }
-    this.warp.keep();
+    if (!facts.final) return this.beside.draft();
     for (const resume of this.resting.splice(0)) resume();
     // requests about the previous picture are repeated
     this.point(this.pointer);
@@ -2522,6 +2878,7 @@ class Viewer {
     this.handles.draw();
     this.barGrips.draw();
     this.beside.place();
+    this.warp.place();
   }
 
   // adjust the size once the picture has arrived: the widths of texts are known only then
@@ -2568,6 +2925,7 @@ class Viewer {
     this.refit = false;
     if (!moving) {
       this.change({ camera: plain(this.camera) });
+      this.warp.show(this.camera);
       return;
     }
     if (this.pending) return;
@@ -2575,7 +2933,7 @@ class Viewer {
       this.pending = 0;
       if (!this.camera) return;
       this.change({ camera: plain(this.camera) }, true);
-      if (this.isWhole || !this.warp.canvas.hidden) this.warp.show(this.camera);
+      this.warp.show(this.camera);
     });
   }
 
@@ -2597,9 +2955,14 @@ class Viewer {
     return isFixed(camera) || !this.picture ? {} : { camera: plain(this.current()) };
   }
 
-  // centre of rotation: a point that was chosen, else the middle of what was visible when the rotation began
+  // centre of rotation: a point that was chosen, else the middle of what was visible when the rotation began; if what is visible
+  // reaches much deeper than the picture is wide, that middle may be far from what one looks at: the point under the pointer
   pivot(camera) {
-    this.middle ??= this.picture?.middle ?? camera.at;
+    if (!this.middle) {
+      const seen = this.warp.seen(camera), [, , ...size] = this.picture.image;
+      const isDeep = seen?.size > DEEP * length(size) * frameOf(camera, this.pixels()).pixel;
+      this.middle = (isDeep && this.dragged?.point) || seen?.middle || camera.at;
+    }
     return this.centre ?? this.middle;
   }
 
@@ -2647,7 +3010,9 @@ class Viewer {
       this.pinch = this.pinched();
       return;
     }
-    this.dragged = { x: event.clientX, y: event.clientY, way: 0, isPan: event.button > 0 || event.shiftKey || this.facts?.kind === "plane" };
+    this.middle = null;
+    this.tip.hidden = true;
+    this.dragged = { x: event.clientX, y: event.clientY, way: 0, point: this.warp.under(this.place(event)), isPan: event.button > 0 || event.shiftKey || this.facts?.kind === "plane" };
   }
 
   drag(event) {
@@ -2702,7 +3067,8 @@ class Viewer {
     event.preventDefault();
     if (!this.picture) return;
     const [x, y] = this.place(event), [, , width, height] = this.picture.image;
-    const factor = Math.exp(Math.max(-60, Math.min(60, event.deltaY)) / 400);
+    // fingers on a trackpad that spread arrive as small steps with the control key
+    const factor = Math.exp(Math.max(-60, Math.min(60, event.deltaY)) / (event.ctrlKey ? 100 : 400));
     this.dragged = null;
     this.middle = null;
     this.look((camera) => zoom(camera, factor, x - width / 2, y - height / 2, height), true);

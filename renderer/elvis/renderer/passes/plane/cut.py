@@ -16,6 +16,7 @@ from elvis.plugins.volume import Part
 from elvis.renderer.camera import record_of
 from elvis.renderer.device import Device, Given, Kernel, guess_nodes
 from elvis.renderer.device_volume import DeviceVolume
+from elvis.renderer.drafts import is_draft
 from elvis.renderer.gaps import Gaps, beside, unknown
 from elvis.renderer.hit_buffer import HitBuffer, arrays_to_write, new_arrays
 from elvis.renderer.memory import Buffer
@@ -74,7 +75,7 @@ class Cutter:
             pixels = Pixels(owner, (owner != NOBODY).view(np.uint8))  # Status.MISS is 0, Status.CERTAIN 1
         with self.clock.stage("resolve"):
             resolve(pixels, [some[some["status"] != UNKNOWN] for some in candidates])
-            left = [some[some["status"] == UNKNOWN] for some in candidates]
+            left = [] if is_draft() else [some[some["status"] == UNKNOWN] for some in candidates]
             resolve(pixels, [prove(self.parts, view, some) for some in left if len(some)])
         with self.clock.stage("gaps"):
             self.gaps.close(view, pixels, sections)
