@@ -3,8 +3,9 @@
 import os
 import signal
 
+import numpy as np
 import pytest
-from driving import change, settled
+from driving import add, change, settled
 
 from elvis.scene.tables import scene_of
 
@@ -101,3 +102,14 @@ def test_seeds_of_streamlines_are_edited(page, viewer):
     names = panel.locator("summary").all_inner_texts()
     assert [name for name in names if name in ("seeds", "look", "advanced")] == ["seeds", "look", "advanced"]
     assert panel.get_by_label("steps", exact=True).is_hidden()
+
+
+def test_new_streamlines_are_tubes_of_a_size_that_is_seen(page, viewer):
+    """Not of a size of the whole data, of which a part may be visible."""
+    change(page, {"plane": None, "objects[0]": {"kind": "isosurface", "values": [0.2]}})
+    settled(page, viewer)
+    add(page, "streamlines")
+    page.wait_for_function("elvis.table.objects.length === 2")
+    low, high = np.array(page.evaluate("elvis.facts.seen"))
+    radius = page.evaluate("elvis.table.objects[1].radius")
+    assert 0 < radius == pytest.approx(np.linalg.norm(high - low) / 350, rel=0.06)

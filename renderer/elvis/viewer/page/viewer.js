@@ -1749,6 +1749,8 @@ const DARK = [0.086, 0.098, 0.114];
 const NUDGE = 8;
 //: colour of bodies next to other objects
 const GREY = [0.78, 0.78, 0.78];
+//: radii of a new tube in the diagonal of what is visible
+const TUBES = 350;
 //: colour of lines and glyphs on 2D data
 const INK = [0.08, 0.08, 0.08];
 //: sizes of a page and its image (column, row, width and height) before either is known
@@ -3556,7 +3558,9 @@ class Viewer {
     if (kind === "faces") return this.add({ kind: "faces", select: ["all"] }, {});
     // on 2D data, whose colours are those of the field, lines and glyphs are dark
     const isPlane = this.facts.kind === "plane", dark = isPlane ? { style: { color: INK } } : {};
-    if (kind === "streamlines") return this.add({ kind: "streamlines", seeds: ["random:30"], direction: "both", ...(isPlane ? { width: 1.5 } : {}), ...dark });
+    // tubes as thick as suits what is visible: the whole data may be much larger
+    const girth = isPlane ? { width: 1.5 } : { radius: Number((controls.extent() / TUBES).toPrecision(2)) };
+    if (kind === "streamlines") return this.add({ kind: "streamlines", seeds: ["random:30"], direction: "both", ...girth, ...dark });
     if (kind === "glyphs") return this.add({ kind: "glyphs", points: ["random:200"], ...dark });
     const [low, high] = await this.spread();
     const middle = (low + high) / 2;
