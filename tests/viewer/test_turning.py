@@ -11,6 +11,21 @@ NOTE = """() => {
   window.drafts = [];
   elvis.queue = (facts, buffer) => (facts.final || drafts.push(facts.image.slice(2).join("x")), queue(facts, buffer));
 }"""
+#: middles of the red, green and blue pixels of a canvas in the square of the arrows along the axes
+ARROWS = """(name) => {
+  const canvas = name === "page" ? elvis.warp.axes.canvas : elvis.canvas;
+  const { image: [left, top], arrows: [x, y, side] } = elvis.picture;
+  const { data } = canvas.getContext("2d").getImageData(left + x, top + y, side, side);
+  const sums = [0, 1, 2].map(() => [0, 0, 0]);
+  for (let at = 0; at < data.length; at += 4) {
+    const own = [...data.slice(at, at + 3)], main = own.indexOf(Math.max(...own));
+    const rest = own.filter((_, i) => i !== main);
+    if (data[at + 3] < 200 || own[main] - Math.max(...rest) < 80) continue;
+    const pixel = at / 4;
+    sums[main] = sums[main].map((sum, i) => sum + [1, pixel % side, Math.floor(pixel / side)][i]);
+  }
+  return sums.map(([count, column, row]) => [column / count, row / count]);
+}"""
 CAMERA = {"eye": [2, 1.5, 3], "at": [0.5, 0.5, 0.4], "up": [0, 1, 0], "height": 1.8}
 
 
@@ -53,6 +68,16 @@ def test_drafts_keep_their_size_and_lines_are_sharp(page, viewer):
     page.mouse.up()
     settled(page, viewer)
     assert page.locator(".elvis-warp:visible").count() == 0
+
+
+def test_arrows_along_axes_are_those_of_the_sharp_picture(page, viewer):
+    """The page draws them while it moves the picture; their middles agree."""
+    change(page, {"camera": {**CAMERA, "at": [0.9, 0.9, 0.4]}})
+    settled(page, viewer)
+    sharp = page.evaluate(ARROWS, "picture")
+    page.evaluate("elvis.warp.axes.draw(elvis.current())")
+    assert np.abs(np.subtract(page.evaluate(ARROWS, "page"), sharp)).max() < 1.5
+    page.evaluate("elvis.warp.hide()")
 
 
 def test_close_up_the_point_under_the_pointer_stays(page, viewer):

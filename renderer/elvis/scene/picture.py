@@ -65,7 +65,7 @@ def labels(values: list[float]) -> list[str]:
 def _add_frame(frame: Frame) -> Page:
     """The image on its background with its axes; title above, colour bars on the right, notes below."""
     image_height, image_width = frame.rgb.shape[:2]
-    unit = max(10, round(min(image_width, image_height) / 45))
+    unit = unit_of(image_width, image_height)
     font = ImageFont.load_default(1.4 * unit)
     small = ImageFont.load_default(1.15 * unit)
     text_color = in_bytes(text_color_on(frame.scene.backdrop))
@@ -104,6 +104,11 @@ def _add_frame(frame: Frame) -> Page:
     if min(image_width, image_height) >= 16 * unit and not frame.view.faces_ground:
         _axes(frame, page, unit, small)
     return page
+
+
+def unit_of(width: int, height: int) -> int:
+    """Pixels by which things are set apart on the page of an image."""
+    return max(10, round(min(width, height) / 45))
 
 
 def _draw_bars(bars: Sequence[_Bar], part: Part, corner: tuple[int, int]) -> tuple[BarPlace, ...]:
@@ -323,6 +328,16 @@ def emptiest_corner(frame: Frame, side: int) -> tuple[int, int, bool]:
         seen.append(int((square != 0)[disc].sum()))
     best = int(np.argmin(seen))
     return *corners[best], seen[best] == 0
+
+
+def square_of_arrows(frame: Frame) -> tuple[int, int, int] | None:
+    """First column and row and size of the square with the arrows along the axes, None for a picture without them."""
+    height, width = frame.element.shape
+    unit = unit_of(width, height)
+    if frame.scene.axes or frame.view.faces_ground or min(width, height) < 16 * unit:
+        return None
+    column, row, _ = emptiest_corner(frame, 7 * unit)
+    return column, row, 7 * unit
 
 
 #: colours of the arrows along x, y and z

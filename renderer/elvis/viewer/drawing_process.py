@@ -221,6 +221,7 @@ class _Drawing:
         The file of a draft is followed by the numbers of `motion_of`.
         """
         from elvis.renderer.drafts import drafted
+        from elvis.scene.picture import square_of_arrows
         from elvis.scene.tables import scene_of
         from elvis.scene.time_limit import stopped_when
         from elvis.viewer.depths import motion_of
@@ -246,7 +247,9 @@ class _Drawing:
         if content["proof"]:
             file = with_proof(file, frame, layout.corner)
         facts = _facts_of(frame, layout)
-        if not is_final:
+        if is_final:
+            facts["arrows"] = square_of_arrows(frame)
+        else:
             motion, numbers = motion_of(frame)
             facts["motion"] = {**motion, "begin": len(file)}
             file += numbers

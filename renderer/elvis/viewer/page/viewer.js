@@ -1041,7 +1041,10 @@ class Warp {
     if (!kind || kind === "line" || !picture.camera) return;
     const [, , width, height] = picture.image, part = Math.min(1, Math.sqrt(MOST_MOVED / (width * height)));
     this.take(viewer.canvas, picture.image, [Math.ceil(part * width), Math.ceil(part * height)], []);
-    const { source } = this;
+    const { source } = this, { arrows } = picture, context = source.canvas.getContext("2d");
+    context.fillStyle = viewer.paper;
+    // arrows along the axes don't move with the data
+    if (arrows) context.fillRect(...[arrows[0], arrows[1], arrows[2], arrows[2]].map((one) => one * part));
     if (kind === "plane") return;
     const found = await viewer.ask("depths", null).catch(() => null);
     if (found?.number !== picture.number) return;
@@ -1287,6 +1290,9 @@ class Warp {
   }
 }
 
+//: colours of the arrows along x, y and z
+const AXES = ["rgb(200, 40, 40)", "rgb(30, 140, 30)", "rgb(40, 70, 200)"];
+
 // The box of the data and its axes while the camera moves: those of the last sharp picture are out of place.
 class MovingAxes {
   constructor(viewer) {
@@ -1296,7 +1302,7 @@ class MovingAxes {
 
   draw(camera) {
     const { table, facts, picture, canvas: { width, height }, paper, background } = this.viewer;
-    this.canvas.hidden = !((table.axes || table.box) && facts?.box);
+    this.canvas.hidden = !(((table.axes || table.box) && facts?.box) || picture.arrows);
     if (this.canvas.hidden) return;
     const [left, top, ...size] = picture.image, context = this.canvas.getContext("2d"), isDark = 0.2126 * background[0] + 0.7152 * background[1] + 0.0722 * background[2] < 0.4;
     Object.assign(this.canvas, { width, height });
@@ -1308,6 +1314,8 @@ class MovingAxes {
     context.fillStyle = context.strokeStyle = isDark ? "rgb(235, 235, 235)" : "rgb(30, 30, 30)";
     context.font = `${Math.round(1.15 * this.unit)}px sans-serif`;
     context.lineWidth = Math.max(1, 0.08 * this.unit);
+    if (picture.arrows) this.arrows(picture.arrows);
+    if (!facts?.box) return;
     const axes = [0, 1, 2].filter((axis) => facts.box[1][axis] > facts.box[0][axis]), edges = axes.flatMap((axis) => this.edges(axis, axes));
     if (table.box) for (const { ends } of edges) this.edge(ends);
     const sides = table.axes ? this.sides() : null;
@@ -1320,6 +1328,29 @@ class MovingAxes {
     const { bars } = this.viewer.picture, below = Math.min(bottom, ...bars.map(({ box }) => box[1]).filter((one) => one > top + height));
     this.context.fillRect(0, top, left, below - top);
     this.context.fillRect(0, top + height, left + width, below - top - height);
+  }
+
+  // arrows along the axes in their square; those that point away are first
+  arrows([left, top, side]) {
+    const { context, unit } = this, { right, up, forward } = frameOf(this.camera, 1), middle = [left + side / 2, top + side / 2];
+    context.save();
+    Object.assign(context, { textAlign: "center", textBaseline: "middle" });
+    for (const axis of [0, 1, 2].sort((one, other) => forward[other] - forward[one])) {
+      const along = times(2.4 * unit, [right[axis], -up[axis]]), far = length(along), tip = plus(middle, along), head = times((0.55 * unit) / (far || 1), along), across = times(0.4, [-head[1], head[0]]);
+      Object.assign(context, { fillStyle: AXES[axis], strokeStyle: AXES[axis], lineWidth: Math.max(1, unit / 6) });
+      this.polyline(middle, tip);
+      context.stroke();
+      if (far < unit / 3) continue;
+      this.polyline(plus(tip, times(0.4, head)), plus(minus(tip, head), across), minus(minus(tip, head), across));
+      context.fill();
+      context.fillText("xyz"[axis], ...plus(middle, times(1.32, along)));
+    }
+    context.restore();
+  }
+
+  polyline(...points) {
+    this.context.beginPath();
+    for (const point of points) this.context.lineTo(...point);
   }
 
   seen(point) {
