@@ -1,11 +1,15 @@
 """Fields made continuous by ``elvis convert``, and what that changes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from elvis import Dataset, Shape, integrate, sample
 from elvis.core.errors import ElvisError
+from elvis.core.testing import approximated, grid
 from elvis.plugins.arrays import from_arrays
-from elvis.plugins.continuous_fields import continuous_fields
+from elvis.plugins.continuous_fields import continuous, continuous_fields
 
 SQUARE = np.array([(0, 0), (1, 0), (0, 1), (1, 1)], np.float64)
 
@@ -31,3 +35,16 @@ def test_hanging_nodes_raise_an_error():
     rough = from_arrays({"quadrilateral": np.stack([SQUARE, *halves])}, u=np.repeat([[0.0], [1.0], [0.0]], 4, axis=1))
     with pytest.raises(ElvisError, match="expected elements that share whole sides"):
         continuous_fields(rough)
+
+
+@pytest.mark.parametrize("shape", [Shape.TRIANGLE, Shape.HEXAHEDRON, Shape.PRISM])
+def test_smoothing_reduces_waves_by_the_factor_of_their_length(shape):
+    """A cosine without slope at the ends of the unit box: half a wave, so its length is 2; the integral stays."""
+    bare = Dataset(grid(shape, 2))
+    wave = approximated(bare, "u", lambda p: 1 + np.cos(np.pi * p[:, 0]), 7)
+    smooth = continuous(replace(bare, fields=(wave,)), 0.6)
+    points = np.random.default_rng(2).uniform(0.1, 0.9, (40, 3))
+    points[:, shape.dimension :] = 0
+    found = sample(smooth, ["u"], points).values[:, 0]
+    assert np.abs(found - 1 - np.cos(np.pi * points[:, 0]) / (1 + (0.6 / 2) ** 2)).max() < 1e-5
+    assert integrate(smooth, "u").value == pytest.approx(integrate(replace(bare, fields=(wave,)), "u").value, rel=1e-12)

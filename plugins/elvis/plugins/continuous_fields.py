@@ -25,13 +25,15 @@ class ContinuousFields:
     measures: tuple[Measure, ...]
 
 
-def continuous(dataset: Dataset) -> Dataset:
+def continuous(dataset: Dataset, length: float = 0.0) -> Dataset:
     """The dataset with continuous fields, as ``elvis convert --continuous`` makes them (see `continuous_fields`).
 
     Parameters
     ----------
     dataset : Dataset
         Data without Fourier directions, on a conforming mesh.
+    length : float
+        Length of smoothing: waves of the length l become smaller by the factor 1/(1 + (length/l)^2).
 
     Returns
     -------
@@ -47,14 +49,14 @@ def continuous(dataset: Dataset) -> Dataset:
     >>> elvis.continuous(ds)
     <Dataset 2D: 1 triangle; fields u, v of order 1>
     """
-    return continuous_fields(dataset).dataset
+    return continuous_fields(dataset, length).dataset
 
 
-def continuous_fields(dataset: Dataset) -> ContinuousFields:
+def continuous_fields(dataset: Dataset, length: float = 0.0) -> ContinuousFields:
     """The dataset with each field of the solution replaced by its continuous L2 projection, of its highest order.
 
     Differences are measured at points of a quadrature and of elements' borders; recorded errors of an earlier
-    conversion are added to them.  Integrals of fields stay unchanged.
+    conversion are added to them.  Integrals of fields stay unchanged.  A length smooths the fields in addition.
 
     Raises ElvisError with Fourier directions, for values that are not finite, and on non-conforming meshes.
     """
@@ -63,7 +65,7 @@ def continuous_fields(dataset: Dataset) -> ContinuousFields:
     earlier = recorded_facts(dataset.metadata)["fields"]
     for field in dataset.fields:
         if field.name in solution:
-            space, found = continuous_projection(dataset, field, field.name)
+            space, found = continuous_projection(dataset, field, field.name, length)
             measures.append(_with_earlier(_measure(space, field, found), earlier.get(field.name, {})))
             fields.append(found)
         else:

@@ -203,6 +203,12 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
     is_flag=True,
     help="Replace each field, including added ones, by its continuous L2 projection; print the change.",
 )
+@click.option(
+    "--smooth",
+    type=click.FloatRange(0, min_open=True),
+    metavar="L",
+    help="Like --continuous, and reduce waves of the length l by the factor 1/(1 + (L/l)^2): a Helmholtz filter.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the report as JSON, with all digits of the numbers.")
 @click.option(
     "--overwrite", is_flag=True, help="Allow outputs to replace inputs, and to replace or remove files of another mesh."
@@ -252,6 +258,7 @@ def _convert(
     as_json: bool,
     overwrite: bool,
     continuous: bool,
+    smooth: float | None,
     stream: bool,
     **options: Any,
 ) -> None:
@@ -273,8 +280,8 @@ def _convert(
         dataset, report = extruded(dataset, slabs, order, files)
     if stream:
         dataset, report = with_stream_function(dataset, report)
-    if continuous:
-        dataset, report = made_continuous(dataset, report)
+    if continuous or smooth is not None:
+        dataset, report = made_continuous(dataset, report, smooth or 0.0)
     if as_json:
         print_json(report.facts())
     else:

@@ -51,12 +51,13 @@ def with_stream_function(dataset: Dataset, report: Report) -> tuple[Dataset, Rep
     return found, replace(report, notes=(*report.notes, found.remarks[-1]))
 
 
-def made_continuous(dataset: Dataset, report: Report) -> tuple[Dataset, Report]:
+def made_continuous(dataset: Dataset, report: Report, length: float) -> tuple[Dataset, Report]:
     """The data with continuous fields, and the change of each as its error."""
     from elvis.core.terminal import stage
     from elvis.plugins.continuous_fields import continuous_fields
 
     with stage("making fields continuous"):
-        found = continuous_fields(dataset)
-    sentence = "fields are continuous; their errors are the changes that this made, measured at points"
+        found = continuous_fields(dataset, length)
+    made = "continuous and smoothed" if length else "continuous"
+    sentence = f"fields are {made}; their errors are the changes that this made, measured at points"
     return found.dataset, replace(report, fields=found.measures, notes=(*report.notes, sentence))

@@ -28,7 +28,7 @@ from elvis.core.mapping.projections import rule
 from elvis.core.patch import Patch, patches
 from elvis.core.polynomials.cubature import COLLAPSE
 from elvis.core.polynomials.evaluation import evaluate, evaluate_with_gradients
-from elvis.core.polynomials.expansion import mode_count, values
+from elvis.core.polynomials.expansion import mode_count, values, values_and_gradients
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.polynomials.quadrature import lobatto
 from elvis.core.quantities.jumps import jumps
@@ -44,10 +44,14 @@ _MAX_STEPS = 2000
 _JUMP = 1e-6
 
 
-def continuous_projection(dataset: Dataset, field: Field, name: str) -> tuple[ContinuousSpace, Field]:
+def continuous_projection(
+    dataset: Dataset, field: Field, name: str, length: float = 0.0
+) -> tuple[ContinuousSpace, Field]:
     """The best approximation in L2 of a field by a continuous one, in Modified expansions of its highest order.
 
     Its integral equals that of the field, and a continuous field of one order is its own projection.
+
+    length  of smoothing: waves of the length l become smaller by 1/(1 + (length/l)^2); see `ContinuousSpace.projected`
 
     Returns the space and the field.  Raises ElvisError with Fourier directions, for values that are not finite, and on
     non-conforming meshes.
@@ -57,7 +61,7 @@ def continuous_projection(dataset: Dataset, field: Field, name: str) -> tuple[Co
     space = ContinuousSpace.of(
         dataset, held, max(2, *(max(block.expansion.modes) for block in field.blocks)), field.name
     )
-    found = space.field(name, space.projected(_own_values))
+    found = space.field(name, space.projected(_own_values, length))
     _, remaining = jumps(replace(dataset, fields=(*dataset.map_fields, found)), name)
     largest = np.abs(np.concatenate([block.coefficients.reshape(-1) for block in found.blocks])).max()
     if np.nanmax(remaining, initial=0.0) > _JUMP * largest:
@@ -105,6 +109,28 @@ class Part:
         """(q, m) values of the functions at the points."""
         return values(self.target, self.points) @ self.functions
 
+    @cached_property
+    def slopes(self) -> Floats:
+        """(q, m, d) gradients of the functions at the points, in reference coordinates."""
+        _, modal = values_and_gradients(self.target, self.points)
+        return np.einsum("qdc,cm->qmd", modal, self.functions)
+
+    def metrics(self, rows: slice) -> Floats:
+        """(n, q, d, d) products of gradients of reference coordinates, times the weights, on some elements."""
+        if rows.start not in self._metrics:
+            _, jacobians = evaluate_with_gradients(
+                self.patch.geometry, self.patch.geometry_coefficients[rows], self.points
+            )
+            columns = np.swapaxes(jacobians, 1, 2)
+            inverse = np.linalg.inv(np.swapaxes(columns, 2, 3) @ columns)
+            self._metrics[rows.start] = inverse * self.weights[rows, :, None, None]
+        return self._metrics[rows.start]
+
+    @cached_property
+    def _metrics(self) -> dict[int, Floats]:
+        """Metrics of batches by their first row."""
+        return {}
+
     @property
     def boundary(self) -> Floats:
         """(k, d) nodes of the boundary."""
@@ -137,17 +163,33 @@ class ContinuousSpace:
         numbers, size = _numbers(dataset, held, targets)
         return ContinuousSpace(list(map(_part, held, targets, numbers)), size)
 
-    def projected(self, sampled: Sampled) -> Floats:
-        """(size,) unknowns of the L2 projection of a function: conjugate gradients, scaled by the diagonal."""
+    def projected(self, sampled: Sampled, length: float = 0.0) -> Floats:
+        """(size,) unknowns of the L2 projection of a function: conjugate gradients, scaled by the diagonal.
+
+        With a length L the solution v of v - (L/2pi)^2 laplacian v = u, without flux through the boundary: a Helmholtz
+        filter, whose integral is that of u (FieldConvert's helmsmoothing).
+        """
         diagonal, right = np.zeros(self.size), np.zeros(self.size)
+        factor = (length / (2 * np.pi)) ** 2
         for part in self.parts:
             table = part.table
             for rows in part.batches:
                 weighted = part.weights[rows] * sampled(part, rows)
                 right += self.scattered(part.numbers[rows], weighted @ table)
                 diagonal += self.scattered(part.numbers[rows], part.weights[rows] @ table**2)
+                if factor:
+                    own = np.einsum("nqij,qmi,qmj->nm", part.metrics(rows), part.slopes, part.slopes, optimize=True)
+                    diagonal += factor * self.scattered(part.numbers[rows], own)
         root = np.sqrt(diagonal)
-        scaled = LinearOperator((self.size, self.size), matvec=lambda u: self._mass(u / root) / root, dtype=np.float64)
+
+        def product(u: Floats) -> Floats:
+            plain = u / root
+            total = self._mass(plain)
+            if factor:
+                total = total + factor * self._stiffness(plain)
+            return np.asarray(total / root)
+
+        scaled = LinearOperator((self.size, self.size), matvec=product, dtype=np.float64)
         found, failure = cg(scaled, right / root, rtol=_RESIDUAL, atol=0.0, maxiter=_MAX_STEPS)
         if failure:
             raise ElvisError(f"the continuous projection did not converge in {_MAX_STEPS} steps")
@@ -190,6 +232,17 @@ class ContinuousSpace:
             for rows in part.batches:
                 at_points = unknowns[part.numbers[rows]] @ table.T
                 total += self.scattered(part.numbers[rows], (part.weights[rows] * at_points) @ table)
+        return total
+
+    def _stiffness(self, unknowns: Floats) -> Floats:
+        """The matrix of products of gradients times a vector (size,)."""
+        total = np.zeros(self.size)
+        for part in self.parts:
+            slopes = part.slopes
+            for rows in part.batches:
+                gradients = np.einsum("qmi,nm->nqi", slopes, unknowns[part.numbers[rows]], optimize=True)
+                fluxes = np.einsum("nqij,nqj->nqi", part.metrics(rows), gradients)
+                total += self.scattered(part.numbers[rows], np.einsum("nqi,qmi->nm", fluxes, slopes, optimize=True))
         return total
 
     def scattered(self, numbers: Ints, added: Floats) -> Floats:
