@@ -113,7 +113,7 @@ class Part:
     def slopes(self) -> Floats:
         """(q, m, d) gradients of the functions at the points, in reference coordinates."""
         _, modal = values_and_gradients(self.target, self.points)
-        return np.einsum("qdc,cm->qmd", modal, self.functions)
+        return np.asarray(np.einsum("qdc,cm->qmd", modal, self.functions))
 
     def metrics(self, rows: slice) -> Floats:
         """(n, q, d, d) products of gradients of reference coordinates, times the weights, on some elements."""
