@@ -42,23 +42,38 @@ def test_means_of_shear_that_changes_sign(folder, over):
     for x in (0.2, 0.7):
         assert wall["TAWSS"](x, 0.0) == pytest.approx(MU * size * (1 + x), rel=1e-10)
         assert abs(wall["shear_x"](x, 0.0)) == pytest.approx(MU * mean * (1 + x), rel=1e-10)
-        osi = wall["0.5*(1 - sqrt(shear_x^2 + shear_y^2)/TAWSS)"](x, 0.0)
-        assert osi == pytest.approx((1 - mean / size) / 2, rel=1e-9)
+        assert wall["OSI"](x, 0.0) == pytest.approx((1 - mean / size) / 2, rel=1e-9)
+        assert wall["RRT"](x, 0.0) == pytest.approx(1 / (MU * mean * (1 + x)), rel=1e-9)
+
+
+def shear_over(z_shears):
+    """Statistics of flows u = (3, s) z, or others, over the bottom z = 0 of a cube, and the printed text."""
+    bare = Dataset(grid(Shape.HEXAHEDRON, 1))
+    for number, (along, across) in enumerate(z_shears):
+        flow = {"u": lambda p, s=along: s * p[:, 2], "v": lambda p, s=across: s * p[:, 2], "w": lambda p: 0 * p[:, 0]}
+        fields = tuple(approximated(bare, name, function, 2) for name, function in flow.items())
+        write(Dataset(bare.mesh, fields, time=number), f"run_{number}.xml")
+    status, text = run("average", "run_0.xml", "run_*.fld", "--wall", "all", "--set", f"mu={MU}", "-o", "shear.xml")
+    assert status == 0, text
+    return read("shear.xml", "shear.fld"), text
 
 
 def test_shear_across_its_mean(tmp_path, monkeypatch):
     # on the bottom z = 0 the shear is mu (3, s) with s = 1, -1: its mean is mu (3, 0), across it mu
     monkeypatch.chdir(tmp_path)
-    bare = Dataset(grid(Shape.HEXAHEDRON, 1))
-    for number, side in enumerate((1.0, -1.0)):
-        flow = {"u": lambda p: 3 * p[:, 2], "v": lambda p, s=side: s * p[:, 2], "w": lambda p: 0 * p[:, 0]}
-        fields = tuple(approximated(bare, name, function, 2) for name, function in flow.items())
-        write(Dataset(bare.mesh, fields, time=number), f"run_{number}.xml")
-    status, text = run("average", "run_0.xml", "run_*.fld", "--wall", "all", "--set", f"mu={MU}", "-o", "shear.xml")
-    assert status == 0, text
-    wall = read("shear.xml", "shear.fld")
+    wall, _ = shear_over([(3.0, 1.0), (3.0, -1.0)])
     assert wall["transWSS"](0.3, 0.6, 0.0) == pytest.approx(MU, rel=1e-10)
     assert wall["TAWSS"](0.3, 0.6, 0.0) == pytest.approx(MU * np.sqrt(10), rel=1e-10)
+
+
+def test_rounding_of_the_mean_has_no_direction(tmp_path, monkeypatch):
+    """A shear that turns by a third of a circle at each step: its mean is zero but for rounding."""
+    monkeypatch.chdir(tmp_path)
+    angles = 2 * np.pi * np.arange(3) / 3
+    wall, text = shear_over(zip(np.cos(angles), np.sin(angles), strict=True))
+    assert "exact to the rounding" in text
+    assert wall["transWSS"](0.3, 0.6, 0.0) == pytest.approx(MU, rel=1e-10)
+    assert wall["OSI"](0.3, 0.6, 0.0) == pytest.approx(0.5, rel=1e-12)
 
 
 @pytest.mark.parametrize(

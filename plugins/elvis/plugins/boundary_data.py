@@ -128,9 +128,19 @@ class BoundarySource(Converter):
     def sample(self, block: Elements, field: SourceField, points: Floats) -> Floats:
         """The values of a field or quantity in the elements behind the sides."""
         expression = self._expressions[field.name]
-        places = self._on_sides(block, points) if expression.attributes else self._elements(block, points)
+        places = self.on_sides(block, points) if expression.attributes else self._elements(block, points)
         values = next(iter(self._evaluator.values_at([expression], places)))
         return np.broadcast_to(values, len(block) * len(points)).reshape(len(block), len(points))
+
+    def values_on_sides(self, block: Elements, points: Floats, like: ElementPoints) -> Floats:
+        """(f, n, q) values of all fields and quantities.
+
+        like  the points of `on_sides` of another step, on the same mesh, whose geometry is used
+        """
+        places = like.in_patch(self._pieces[block.key][1].patch)
+        found = self._evaluator.values_at(list(self._expressions.values()), places)
+        shape = len(block), len(points)
+        return np.stack([np.broadcast_to(own, len(like)).reshape(shape) for own in found])
 
     def _elements(self, block: Elements, points: Floats) -> ElementPoints:
         """The points in each element; results of the last call are cached, as fields are sampled in turn."""
@@ -140,7 +150,7 @@ class BoundarySource(Converter):
             self._last = block, points, ElementPoints(piece.patch, rows, np.tile(piece.places(points), (len(block), 1)))
         return self._last[2]
 
-    def _on_sides(self, block: Elements, points: Floats) -> ElementPoints:
+    def on_sides(self, block: Elements, points: Floats) -> ElementPoints:
         """The points with normals, off the edges, where several sides are as near, and off the tips of pyramids."""
         piece = self._pieces[block.key][1]
         inner = points + _INWARDS * (piece.shape.vertices.mean(axis=0) - points)

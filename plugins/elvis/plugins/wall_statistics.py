@@ -5,21 +5,19 @@ shear_x, shear_y, shear_z  mean of tau
 transWSS                   in 3D, mean of the length of the part of tau across the mean of tau: transverse wall shear
                            stress (Peiffer, Sherwin and Weinberg 2013, Cardiovascular Research 99)
 
-Other measures are expressions of these (Himburg et al. 2004, Annals of Biomedical Engineering 32):
-
-    OSI = (1 - |mean tau| / TAWSS) / 2                 oscillatory shear index
-    RRT = 1 / ((1 - 2 OSI) TAWSS) = 1 / |mean tau|     relative residence time
+OSI and RRT are predefined quantities of these fields.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from elvis.core.arrays import Floats
 from elvis.core.errors import ElvisError
+from elvis.core.quantities.element_points import ElementPoints
 from elvis.plugins.boundary_data import BoundarySource
 from elvis.plugins.conversion import Elements, SourceField
 from elvis.plugins.converting import Conversion, Settings, convert
@@ -30,6 +28,9 @@ from elvis.plugins.series.series import Series
 TAWSS = "TAWSS"
 #: name of the mean of the length of the part across the mean
 TRANSVERSE = "transWSS"
+#: numbers of shears that are held for a second pass, and the part of the mean length below which a mean is rounding
+_NUMBERS = 1 << 22
+_NO_MEAN = 1e-12
 #: steps that are retained in memory; others are read again for each set of points
 _KEPT = 32
 
@@ -87,31 +88,27 @@ class WallStatisticsSource(BoundarySource):
 
     def _found(self, block: Elements, points: Floats) -> dict[str, Floats]:
         """All means at points of a block's elements."""
+        places = self.on_sides(block, points)
         mean = np.zeros((len(self._vector), len(block), len(points)))
         length = np.zeros(mean.shape[1:])
-        for weight, shear in self._shear(block, points):
+        shears = []
+        for weight, shear in self._shear(block, points, places):
             mean += weight * shear
             length += weight * np.linalg.norm(shear, axis=0)
+            shears.append((weight, shear))
+            if sum(own.size for _, own in shears) > _NUMBERS:
+                shears.clear()
+        mean[np.abs(mean) <= _NO_MEAN * length] = 0.0
         found = {TAWSS: length, **dict(zip((own.name for own in self._vector), mean, strict=True))}
         if TRANSVERSE in (own.name for own in self.fields):
-            found[TRANSVERSE] = self._across(block, points, mean)
+            known = shears if len(shears) == len(self._series) else self._shear(block, points, places)
+            found[TRANSVERSE] = _across(mean, known)
         return found
 
-    def _across(self, block: Elements, points: Floats, mean: Floats) -> Floats:
-        """(n, q) mean lengths of the part of the shear across its mean (d, n, q); all of it where the mean is zero."""
-        size = np.linalg.norm(mean, axis=0)
-        direction = np.divide(mean, size, out=np.zeros_like(mean), where=size > 0)
-        length = np.zeros_like(size)
-        for weight, shear in self._shear(block, points):
-            along = (shear * direction).sum(axis=0)
-            length += weight * np.linalg.norm(shear - along * direction, axis=0)
-        return length
-
-    def _shear(self, block: Elements, points: Floats) -> Iterator[tuple[float, Floats]]:
+    def _shear(self, block: Elements, points: Floats, places: ElementPoints) -> Iterator[tuple[float, Floats]]:
         """Weight of each step, and its shear (d, n, q)."""
         for number, weight in enumerate(self._weights.tolist()):
-            own = self._source(number)
-            yield weight, np.stack([own.sample(block, component, points) for component in own.fields])
+            yield weight, self._source(number).values_on_sides(block, points, places)
 
     def _source(self, number: int) -> BoundarySource:
         """The boundary at a step; some steps are retained."""
@@ -126,6 +123,17 @@ class WallStatisticsSource(BoundarySource):
         if len(self._sources) < _KEPT:
             self._sources[number] = found
         return found
+
+
+def _across(mean: Floats, shears: Iterable[tuple[float, Floats]]) -> Floats:
+    """(n, q) mean lengths of the part of shears (d, n, q) across their mean; all of it where the mean is zero."""
+    size = np.linalg.norm(mean, axis=0)
+    direction = np.divide(mean, size, out=np.zeros_like(mean), where=size > 0)
+    length = np.zeros_like(size)
+    for weight, shear in shears:
+        along = (shear * direction).sum(axis=0)
+        length += weight * np.linalg.norm(shear - along * direction, axis=0)
+    return length
 
 
 def _weights(series: Series, over: str) -> Floats:

@@ -47,6 +47,12 @@ class ElementPoints:
         """(n, 3, D) the world gradients of the reference coordinates, not finite where the Jacobian is singular."""
         return tangents.duals(self.jacobians)
 
+    def in_patch(self, patch: Patch) -> ElementPoints:
+        """The same points in a patch of the same elements with other fields; what is known of their maps is shared."""
+        found = ElementPoints(patch, self.rows, self.points, self.normals)
+        found.jacobians, found.duals = self.jacobians, self.duals
+        return found
+
     def derivative(self, field: int, order: int) -> Floats:
         """(n,), (n, 3) or (n, 3, 3) a field's values, first or second derivatives; NaN if the patch lacks it."""
         return self._once((field, order), lambda: self._derivative(field, order))

@@ -40,6 +40,8 @@ _SINGLE = {
     "p": ("p", "pressure", "Pressure"),
     "E": ("E", "rhoE", "energy", "Energy", "TotalEnergy", "EnergyStagnationDensity"),
     "T": ("T", "temperature", "Temperature"),
+    # as `elvis average --wall` writes them
+    **{name: (name,) for name in ("TAWSS", "shear_x", "shear_y", "shear_z")},
 }
 #: names of fields by their symbols in formulas
 CUSTOMARY: Mapping[str, tuple[str, ...]] = {
@@ -47,6 +49,7 @@ CUSTOMARY: Mapping[str, tuple[str, ...]] = {
     **{f"rho{symbol}": tuple(family[axis] for family in _MOMENTA) for axis, symbol in enumerate("uvw")},
     **_SINGLE,
 }
+_SHEAR = ("TAWSS, shear_x, …", "statistics of a wall: TAWSS, shear_x, … (elvis average --wall writes them)")
 _VELOCITY = ("a velocity", "a velocity: u, v, w, or velocity_x, …, or rho with rhou, …")
 #: fields that formulas need: their description, and the description of what the data lack without them
 _INGREDIENTS = {
@@ -54,6 +57,7 @@ _INGREDIENTS = {
     "rho": ("rho", "a density: rho"),
     "p": ("p or E", "a pressure: p, or E with rho, rhou, …"),
     "T": ("T, or p with rho", "a temperature: T, or p with rho"),
+    **dict.fromkeys(("TAWSS", "shear_x", "shear_y", "shear_z"), _SHEAR),
 }
 #: attributes of elements that formulas may contain
 _ATTRIBUTES = (*SIDES, *DUALS, "order")

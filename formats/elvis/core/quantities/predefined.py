@@ -83,6 +83,10 @@ STEPS: Mapping[str, tuple[str, ...]] = {
     "viscous_x": ("-2*viscosity*(ex*nx + strain_xy*ny + strain_xz*nz)",),
     "viscous_y": ("-2*viscosity*(strain_xy*nx + ey*ny + strain_yz*nz)",),
     "viscous_z": ("-2*viscosity*(strain_xz*nx + strain_yz*ny + ez*nz)",),
+    "mean_shear": (
+        "sqrt(shear_x*shear_x + shear_y*shear_y + shear_z*shear_z)",
+        "sqrt(shear_x*shear_x + shear_y*shear_y)",
+    ),
     "traction": ("traction_x*nx + traction_y*ny + traction_z*nz",),
 }
 
@@ -107,6 +111,7 @@ _SCHLICHTING = "Schlichting 1979, Boundary-layer theory"
 _FORCE = "component of the force of the flow on a wall, per area; only of the pressure if no viscosity is known"
 _FRICTION = "component of the viscous force on a wall, per area, -2 mu (S - div(u)/3) n"
 _MOMENT = "component of the moment of the force, per area"
+_HIMBURG = "Himburg et al. 2004, Spatial comparison between wall shear stress measures and endothelial permeability"
 _ON_WALLS = "tangential stress of a Newtonian fluid on a wall"
 
 
@@ -245,6 +250,18 @@ QUANTITIES: tuple[PredefinedQuantity, ...] = (
         ("sqrt(wall_shear/mass)",),
         _SCHLICHTING,
         _PLANE,
+    ),
+    PredefinedQuantity(
+        "OSI",
+        "oscillatory shear index: 0 if the wall shear keeps its direction, 0.5 if its mean is zero",
+        ("0.5*(1 - mean_shear/TAWSS)",),
+        _HIMBURG,
+    ),
+    PredefinedQuantity(
+        "RRT",
+        "relative residence time: 1/((1 - 2 OSI) TAWSS), the inverse of the magnitude of the mean wall shear",
+        ("1/mean_shear",),
+        _HIMBURG,
     ),
     PredefinedQuantity(
         "heat_flux",
