@@ -14,7 +14,7 @@ from elvis.scene.objects import SceneObject, Transfer
 from elvis.scene.settings import Setting, choices, default_of, is_free, settings, type_words, types
 from elvis.scene.style import ColorBar, Contours, MeshLines, Style
 from elvis.scene.surfaces import Surface
-from elvis.scene.whole import Camera, Clip, Deform, Light, Reference, Scene
+from elvis.scene.whole import Camera, Caption, Clip, Deform, Light, Reference, Scene
 
 DOCS = Path(__file__).parents[1] / "docs"
 #: titles of the page, and the models under each
@@ -25,7 +25,7 @@ CHAPTERS = {
     "Styles": (Style, ColorBar, Contours, MeshLines, Lic),
     "Transfer": (Transfer,),
     "Surfaces": get_args(Surface),
-    "Lights and clips": (Light, Clip),
+    "Lights, clips and texts": (Light, Clip, Caption),
     "Reference": (Reference,),
     "Deform": (Deform,),
     "Copies": (Copies, Repeat, Turn),

@@ -8,16 +8,29 @@ from io import BytesIO
 import numpy as np
 import pytest
 from click import BadParameter
+from matplotlib.text import Annotation
 from PIL import Image
 
-from elvis import Camera, Contours, Faces, Glyphs, Isosurface, MeshLines, SceneError, Streamlines, Style, render
+from elvis import (
+    Camera,
+    Caption,
+    Contours,
+    Faces,
+    Glyphs,
+    Isosurface,
+    MeshLines,
+    SceneError,
+    Streamlines,
+    Style,
+    render,
+)
 from elvis.core.dataset import Dataset
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, one_element
 from elvis.scene import ColorBar, Scene
 from elvis.scene.commandline import parameters
 from elvis.scene.commandline.composing import in_one_range
-from elvis.scene.figure import save_figure
+from elvis.scene.figure import Page, save_figure
 from elvis.scene.palette import NOT_A_NUMBER, Palette
 from elvis.scene.picture import AXES, page
 from elvis.scene.rulers import aligned, box_edges, scale_bar, sides
@@ -59,6 +72,29 @@ def test_arrows_of_figures_are_those_of_pictures(draw, linear):
     middles = [place.mean(axis=0) for place in places]
     assert np.abs(middles[1] - middles[0]).max() < 4
     assert middles[0][0] > 150
+
+
+def test_texts_point_at_places_and_images_lie_in_the_corner(draw, linear, tmp_path):
+    """A parallel view of the unit square by 100 pixels: x = 0.75 is at 74.5, as pixel centres are whole."""
+    Image.new("RGB", (4, 4), (255, 0, 0)).save(tmp_path / "logo.png")
+    tip = parameters.caption("0.75,0.25,0@0.1,-0.2:tip: $x$")
+    assert tip == Caption("tip: $x$", (0.75, 0.25, 0.0), (0.1, -0.2))
+    texts = (tip, Caption("far", (9.0, 0.0, 0.0)))
+    camera = Camera((0.5, 0.5, 5.0), (0.5, 0.5, 0.0), (0.0, 1.0, 0.0), height=1.0)
+    shown = {"texts": texts, "image": str(tmp_path / "logo.png"), "size": (100, 100), "camera": camera}
+    frame = draw(linear(grid(Shape.HEXAHEDRON, 1)), **shown)
+    axes = Page([frame], plain=False).panels[0].axes
+    (found,) = [each for each in axes.texts if isinstance(each, Annotation) and each.get_text()]
+    assert found.get_text() == "tip: $x$"
+    assert found.xy == pytest.approx((74.5, 74.5))
+    assert found.get_position() == pytest.approx((84.5, 94.5))
+    content = BytesIO()
+    corner = save_figure([frame], content, ".png").corner
+    pixels = np.asarray(Image.open(content).convert("RGB"))
+    assert pixels[corner[1] + 8, corner[0] + 90].tolist() == [255, 0, 0]
+    (tmp_path / "logo.png").write_text("nothing")
+    with pytest.raises(SceneError, match="image: expected an image file"):
+        save_figure([frame], BytesIO(), ".png")
 
 
 def ground(frame, line):

@@ -69,7 +69,7 @@ if TYPE_CHECKING:
     from elvis.scene.style import ColorBar, Contours, MeshLines, Style
     from elvis.scene.surfaces import Cone, Cylinder, Implicit, Plane, Sphere, Surface, TriangleMesh
     from elvis.scene.validation import scene_schema
-    from elvis.scene.whole import NAMED_VIEWS, Camera, Clip, Deform, Light, Reference, Scene
+    from elvis.scene.whole import NAMED_VIEWS, Camera, Caption, Clip, Deform, Light, Reference, Scene
     from elvis.viewer.widget import view
 
 __all__ = [
@@ -77,6 +77,7 @@ __all__ = [
     "Basis",
     "Block",
     "Camera",
+    "Caption",
     "Clip",
     "ColorBar",
     "Composite",
@@ -308,6 +309,7 @@ NAMES = {
     "elvis.scene.validation": ("scene_schema",),
     "elvis.scene.whole": (
         "Camera",
+        "Caption",
         "Clip",
         "Deform",
         "Light",

@@ -24,11 +24,12 @@ if TYPE_CHECKING:
     from elvis.scene.style import ColorBar, Contours, MeshLines, Style
     from elvis.scene.surfaces import Cone, Cylinder, Implicit, Plane, Sphere, Surface, TriangleMesh, Vector, unit
     from elvis.scene.validation import scene_schema
-    from elvis.scene.whole import NAMED_VIEWS, Camera, Clip, Deform, Light, Reference, Scene
+    from elvis.scene.whole import NAMED_VIEWS, Camera, Caption, Clip, Deform, Light, Reference, Scene
 
 __all__ = [
     "NAMED_VIEWS",
     "Camera",
+    "Caption",
     "Clip",
     "ColorBar",
     "Cone",
@@ -95,6 +96,6 @@ __getattr__ = lazy_names(
             "unit",
         ),
         "elvis.scene.validation": ("scene_schema",),
-        "elvis.scene.whole": ("Camera", "Clip", "Deform", "Light", "NAMED_VIEWS", "Reference", "Scene"),
+        "elvis.scene.whole": ("Camera", "Caption", "Clip", "Deform", "Light", "NAMED_VIEWS", "Reference", "Scene"),
     },
 )

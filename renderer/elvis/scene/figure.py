@@ -36,8 +36,9 @@ def needs_figure(frame: Frame, suffix: str) -> bool:
     if suffix in VECTORS or (frame.drawing is not None and frame.drawing.strokes):
         return True
     asked = scene.axes or scene.scale_bar or scene.box or scene.is_clear or scene.font or scene.font_size
+    has_more = bool(scene.texts or scene.image)
     has_bar = any(legend.bar is not None for legend in frame.legends)
-    return not scene.plain and bool(asked or has_bar or (scene.title or "").count("$") > 1)
+    return not scene.plain and bool(asked or has_more or has_bar or (scene.title or "").count("$") > 1)
 
 
 def save_figure(frames: Sequence[Frame], path: Path | BinaryIO, suffix: str, *, plain: bool = False) -> Layout:
@@ -76,10 +77,11 @@ def settings(scene: Scene) -> AbstractContextManager[Any]:
 
 
 def _check_mathematics(frames: Sequence[Frame]) -> None:
-    """SceneError if text between dollar signs in a title is not valid mathematics."""
+    """SceneError if text between dollar signs in a title or a text is not valid mathematics."""
     from matplotlib.mathtext import MathTextParser
 
     titles = [frame.scene.title or "" for frame in frames]
+    titles += [caption.text for frame in frames for caption in frame.scene.texts]
     titles += [legend.bar.title or "" for frame in frames for legend in frame.legends if legend.bar]
     for title in titles:
         try:

@@ -19,6 +19,7 @@ import numpy as np
 from elvis.core.hints import nearest
 from elvis.scene import (
     Camera,
+    Caption,
     Clip,
     ColorBar,
     Contours,
@@ -267,6 +268,16 @@ def _light(value: Any) -> Light:
     return value if isinstance(value, Light) else Light(tuple(_floats(value)))  # type: ignore[arg-type]
 
 
+def _caption(value: Any) -> Caption:
+    """Itself, its settings by name, or a point and a text."""
+    if isinstance(value, Mapping):
+        return Caption(**value)
+    if isinstance(value, Caption):
+        return value
+    at, text = value
+    return Caption(text, _floats(at))  # type: ignore[arg-type]
+
+
 def _row(kind: Any, value: Any) -> Any:
     """A repetition or a turn: itself, its settings by name, or a direction and a number."""
     if isinstance(value, Mapping):
@@ -311,6 +322,7 @@ FORMS: dict[str, Callable[[Any], Any]] = {
     "cut": _cut,
     "clip": _clip,
     "lights": _light,
+    "texts": _caption,
     "bar": lambda value: ColorBar(**value) if isinstance(value, Mapping) else _of(ColorBar, value),
     "deform": lambda value: Deform(**value) if isinstance(value, Mapping) else _of(Deform, value),
     "copies": lambda value: Copies(**value) if isinstance(value, Mapping) else _of(Copies, value),

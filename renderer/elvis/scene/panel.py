@@ -9,6 +9,7 @@ import numpy as np
 
 from elvis.core.arrays import Floats
 from elvis.core.terminal import visible
+from elvis.scene.captions import draw_caption, draw_image
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Arrow, Frame, Legend
 from elvis.scene.palette import Palette, linear_part, ticks
@@ -101,6 +102,10 @@ class Panel:
             self._draw_arrows()
         if scene.scale_bar:
             self._draw_scale_bar()
+        if scene.image:
+            draw_image(self, scene.image)
+        for caption in scene.texts:
+            draw_caption(self, caption)
         for legend in legends if has_bars else []:
             box = self.edges()
             self._add_bar(Bar(self, legend, box, np.array([[0, 0], [self.width, self.height]])))

@@ -78,6 +78,14 @@ class SharedKeywords(TypedDict, total=False):
     """Font size."""
     dpi: float | None
     """Resolution in pixels per inch."""
+    texts: ArrayLike | None
+    """Write a text at a point, such as 1,0,0.2:tip; with @0.1,0.2 it lies this far to the right and above, in
+    smaller sides of the picture, and an arrow leads to the point."""
+    text: ArrayLike | None
+    """Write a text at a point, such as 1,0,0.2:tip; with @0.1,0.2 it lies this far to the right and above, in
+    smaller sides of the picture, and an arrow leads to the point."""
+    image: str | None
+    """Image in a corner of the picture, such as a logo."""
     region: ArrayLike | None
     """Visible part of 2D data and plane cuts: ends along the width of the picture (x of 2D data), then along its
     height."""
@@ -132,8 +140,7 @@ class SharedKeywords(TypedDict, total=False):
     lit: bool | None
     """Shade all objects with the lights, or none."""
     contours: Contours | Mapping[str, Any] | ArrayLike | None
-    """N contour lines, or lines at given values; :round draws at most N at round values, :labels writes the values
-    on them."""
+    """N contour lines, or given values; :round values, at most N; :labels shows values."""
     mesh_lines: MeshLines | Mapping[str, Any] | bool | None
     """Draw the borders of elements."""
     lic: Lic | Mapping[str, Any] | bool | None
@@ -196,8 +203,7 @@ class SharedKeywords(TypedDict, total=False):
     """Ends of the colour map: two values, visible (in the picture), all (certified bounds) or series (over all
     steps)."""
     levels: Contours | Mapping[str, Any] | ArrayLike | None
-    """N contour lines, or lines at given values; :round draws at most N at round values, :labels writes the values
-    on them."""
+    """N contour lines, or given values; :round values, at most N; :labels shows values."""
     isosurfaces: Isosurface | Mapping[str, Any] | ArrayLike | Sequence[Isosurface | str] | None
     """Isosurface(s) of quantity Q at value(s) V; Q defaults to --field."""
     show_edges: MeshLines | Mapping[str, Any] | bool | None
@@ -235,6 +241,11 @@ class SharedKeywords(TypedDict, total=False):
     """Pictures and records to write: .png, .jpg, .svg, .pdf, .html, .exr, .npz."""
     timestep: int | None
     """Step of a series, counted from 0, or from the end if negative."""
+    logo: str | None
+    """Image in a corner of the picture, such as a logo."""
+    annotate: ArrayLike | None
+    """Write a text at a point, such as 1,0,0.2:tip; with @0.1,0.2 it lies this far to the right and above, in
+    smaller sides of the picture, and an arrow leads to the point."""
 
 
 class RenderKeywords(SharedKeywords, total=False):

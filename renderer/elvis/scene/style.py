@@ -138,8 +138,7 @@ class Style(Model):
             option="--contours",
             metavar="N|V,V[:round][:labels]",
             parse="contours",
-            option_help="N contour lines, or lines at given values; :round draws at most N at round values, :labels "
-            "writes the values on them.",
+            option_help="N contour lines, or given values; :round values, at most N; :labels shows values.",
         ),
     ] = None
     mesh_lines: Annotated[

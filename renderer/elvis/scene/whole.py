@@ -197,6 +197,21 @@ class Light(Model, of="a light"):
 
 
 @dataclass(frozen=True, repr=False)
+class Caption(Model, of="a text"):
+    """A text at a point of the picture."""
+
+    text: Annotated[str, Setting("The text, with mathematics between dollar signs.")]
+    at: Annotated[Vector, Setting("Point in world coordinates.")]
+    shift: Annotated[
+        tuple[float, float],
+        Setting(
+            "Distance of the text to the right of the point and above it, relative to the smaller side of the picture; "
+            "an arrow leads from the text to the point."
+        ),
+    ] = (0.0, 0.0)
+
+
+@dataclass(frozen=True, repr=False)
 class Clip(Model, of="a clip"):
     """A region in which nothing is shown."""
 
@@ -351,6 +366,22 @@ class Scene(Model):
         Setting("Font size.", gt=0, le=200, unit="points", option="--font-size", default="by the size of the picture"),
     ] = None
     dpi: Annotated[float, Setting("Resolution in pixels per inch.", gt=0, le=10000, option="--dpi")] = 200.0
+    texts: Annotated[
+        tuple[Caption, ...],
+        Setting(
+            "Texts at points, with or without arrows.",
+            option="--text",
+            metavar="POINT[@DX,DY]:TEXT",
+            parse="caption",
+            option_help="Write a text at a point, such as 1,0,0.2:tip; with @0.1,0.2 it lies this far to the right and "
+            "above, in smaller sides of the picture, and an arrow leads to the point.",
+            repeatable=True,
+        ),
+    ] = ()
+    image: Annotated[
+        FilePath | None,
+        Setting("Image in a corner of the picture, such as a logo.", option="--image", metavar="FILE"),
+    ] = None
     panels: Annotated[
         tuple[int, int] | None,
         Setting(

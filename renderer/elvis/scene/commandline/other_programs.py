@@ -32,10 +32,21 @@ SAME: Mapping[str, str] = {
     "screenshot": "output",
     "savefig": "output",
     "timestep": "step",
+    "logo": "image",
+    "annotate": "text",
 }
 
 #: what to write for words that need another value, or can mean several things
 INSTEAD: Mapping[str, str] = {
+    "iso": "isosurface draws surfaces where a quantity has a value",
+    "isovalue": "isosurface draws surfaces where a quantity has a value",
+    "stream": "streamlines=100 places seeds at random",
+    "vectors": "glyphs draws arrows at points",
+    "edges": "mesh_lines draws the edges of elements on surfaces",
+    "mesh": "mesh_lines draws the edges of elements on surfaces",
+    "grid": "axes draws axes with ticks, mesh_lines the edges of elements",
+    "lut": "colormap takes the name of a colour map",
+    "azimuth": "camera takes a view or eye:at; animate turns it with orbit",
     "contour": "contours draws lines, isosurface draws surfaces",
     "vmin": "range holds both ends, LOW:HIGH",
     "vmax": "range holds both ends, LOW:HIGH",
@@ -59,7 +70,7 @@ INSTEAD: Mapping[str, str] = {
     "parallel_projection": "camera is orthographic unless it has a field of view",
     "parallel_scale": "zoom enlarges the middle; a camera in a scene has a height",
     "anti_aliasing": "samples averages N x N samples per pixel",
-    "warp": "the geometry is drawn as the data have it",
+    "warp": "deform takes the components of a displacement, scale enlarges it",
     "subdivide": "pixels are exact without refinement",
     "nonlinear_subdivision": "pixels are exact without refinement",
     "refinement": "pixels are exact without refinement",

@@ -227,6 +227,15 @@ def color(text: str) -> scene.Vector:
     return found[0], found[1], found[2]
 
 
+def caption(text: str) -> scene.Caption:
+    """``POINT:TEXT``, or ``POINT@DX,DY:TEXT`` for a text that is shifted."""
+    place, colon, words = text.partition(":")
+    check(bool(colon and words), "text", "POINT:TEXT, such as 1,0,0.2:tip", repr(text))
+    point, _, shift = place.partition("@")
+    right, above = numbers(shift) if shift else (0.0, 0.0)
+    return scene.Caption(words, _point(point), (right, above))
+
+
 def light(text: str) -> scene.Light:
     """``x,y,z`` towards the light or ``eye``, then ``:intensity`` where it is not the usual one."""
     direction, _, intensity = text.partition(":")

@@ -219,6 +219,11 @@ def _camera(camera: Any) -> str:
     return ":".join(map(_value, parts))
 
 
+def _caption(caption: Any) -> str:
+    shift = f"@{_list(caption.shift)}" if any(caption.shift) else ""
+    return f"{_list(caption.at)}{shift}:{caption.text}"
+
+
 def _light(light: Any) -> str:
     direction = "eye" if light.direction is None else _list(light.direction)
     return f"{direction}:{_number(light.intensity)}"
@@ -262,6 +267,7 @@ _OBJECTS: dict[str, Callable[[Any], str]] = {
 _WRITERS: dict[str, Callable[[Any], str]] = {
     "clip": _clip,
     "camera": _camera,
+    "caption": _caption,
     "light": _light,
     "contours": _contours,
     "bar": _bar,

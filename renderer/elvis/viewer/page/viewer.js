@@ -1770,7 +1770,7 @@ const SENSES = { "+x": "from the left, z upwards", "-x": "from the right, z upwa
 const SURFACES = { plane: "Plane", sphere: "Sphere", cylinder: "Cylinder", cone: "Cone", clip: "Plane" };
 const COLOUR = ["field", "palette", "range", "bar"];
 const LIGHT = ["lights", "ambient", "background", "samples"];
-const FIGURE = ["title", "axes", "scale_bar", "box", "outline", "font_size"];
+const FIGURE = ["title", "axes", "scale_bar", "box", "outline", "texts", "font_size"];
 const STEP = Math.PI / 24;
 //: diagonals of the picture above which that of the box around what is visible is deep
 const DEEP = 2;
