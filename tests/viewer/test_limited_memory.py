@@ -31,7 +31,7 @@ def limited(tmp_path):
 def told(scene, source):
     """Facts, a picture and what is at its middle; the data."""
     drawing = _Drawing(source, SimpleNamespace(value=1))
-    content = {"table": table_of(scene), "part": 1.0, "is_draft": False, "proof": False}
+    content = {"table": table_of(scene), "part": 1.0, "is_draft": False, "is_lean": False, "proof": False}
     try:
         facts = drawing.answer("facts", 1, None)
         _, file = drawing.answer("draw", 1, content)

@@ -3,17 +3,20 @@
 import asyncio
 import time
 from itertools import pairwise
+from types import SimpleNamespace
 
 import pytest
 from driving import finished
 
 from elvis.scene import Scene, Transfer, VolumeRendering
 from elvis.scene.errors import SceneError
-from elvis.viewer import session, sizing
+from elvis.scene.tables import table_of
+from elvis.viewer import session, sizing, viewers
 from elvis.viewer.drawer import Drawer
-from elvis.viewer.drawing_process import Source
+from elvis.viewer.drawing_process import Source, _Drawing
 from elvis.viewer.session import Session
 from elvis.viewer.sizing import LATE, PARTS, USUAL, Sizing, draft_of
+from elvis.viewer.viewers import Viewer
 
 
 def drag(own, whole, host, pixels, count=30):
@@ -63,6 +66,32 @@ def test_volumes_are_coarse_in_drafts():
     draft = draft_of(scene, 0.125)
     assert draft.objects[0].error > volume.error
     assert (draft.size, draft.samples) == ((125, 62), 1)
+
+
+def test_drafts_are_lean_on_a_slow_line(monkeypatch, scene):
+    """After some late confirmations, until the next whole picture: few bytes, and lines are pixels."""
+
+    async def send(message):
+        pass
+
+    async def main():
+        page = Viewer(send)
+        found = []
+        for is_final in (False, False, False, False, True):
+            await page.take(page.sent + 1, b"", is_final)
+            found.append(page.is_slow)
+            await page.confirm()
+        return found
+
+    assert finished(main()) == [False] * 5
+    monkeypatch.setattr(viewers, "LATE_CONFIRMATION", -1.0)
+    assert finished(main()) == [False, False, False, True, False]
+
+    drawing = _Drawing(Source(scene.data), SimpleNamespace(value=0))
+    content = {"table": table_of(scene), "part": 0.5, "is_draft": True, "proof": False}
+    (rich, file), (lean, few) = (drawing.answer("draw", 0, {**content, "is_lean": one}) for one in (False, True))
+    assert len(few) < 0.7 * len(file)
+    assert rich["size"] == lean["size"]
 
 
 class _Slow:

@@ -15,8 +15,11 @@ if TYPE_CHECKING:
     from elvis.scene.frame import Frame
     from elvis.scene.strokes import Segments
 
-#: pixels of the depths in each direction, at most: of sharp pictures and of drafts, which move little
-MAX_SIDE, MAX_SIDE_OF_DRAFTS = 400, 240
+#: pixels of the depths of a sharp picture in each direction, at most
+MAX_SIDE = 400
+#: the same of drafts, which move little, and of lean ones
+MAX_SIDE_OF_DRAFTS = 240
+MAX_SIDE_OF_LEAN_DRAFTS = 120
 #: depths are stored as parts of their range, from 1; 0 stands for nothing
 STEPS = 65534
 #: positions of lines are stored in these parts of a pixel; pixels around the picture that lines may reach
@@ -30,7 +33,7 @@ def depths_of(frame: Frame) -> Table:
     return {**facts, "data": b64encode(zlib.compress(parts.tobytes(), 1)).decode()}
 
 
-def motion_of(frame: Frame) -> tuple[Table, bytes]:
+def motion_of(frame: Frame, is_lean: bool = False) -> tuple[Table, bytes]:
     """What a page needs to move a draft and to draw its lines: facts, and compressed 16-bit numbers.
 
     The numbers are the depths, as differences along rows; then for each line style six rows: columns, rows and depths
@@ -38,7 +41,7 @@ def motion_of(frame: Frame) -> tuple[Table, bytes]:
     contour of an isosurface's own value does: they are left out.
     """
     depth = _finite_depth(frame)
-    facts, parts = _parts_of(depth, MAX_SIDE_OF_DRAFTS)
+    facts, parts = _parts_of(depth, MAX_SIDE_OF_LEAN_DRAFTS if is_lean else MAX_SIDE_OF_DRAFTS)
     lines = [] if frame.drawing is None else [own for own in frame.drawing.segments if len(own.starts) <= depth.size]
     numbers = [np.diff(parts, axis=1, prepend=np.uint16(0)), *(_numbers_of(own, facts) for own in lines)]
     styles = [

@@ -215,8 +215,8 @@ class _Drawing:
     def _draw(self, number: int, content: Table) -> tuple[Table, bytes]:
         """A picture: facts about it, and its file.
 
-        content  the scene's ``table``; ``part`` of the full size each way; whether it ``is_draft``; ``proof`` shows
-                 what is not certain
+        content  the scene's ``table``; ``part`` of the full size each way; whether it ``is_draft``, and ``is_lean`` for
+                 few bytes; ``proof`` shows what is not certain
 
         The file of a draft is followed by the numbers of `motion_of`.
         """
@@ -235,22 +235,23 @@ class _Drawing:
             scene = draft_of(scene, content["part"])
         # statistics request the proved status of contours
         scene = replace(scene, stats="proof.json") if content["proof"] and is_final else scene
-        # at full size lines are as sharp as pixels, and cost less there
-        kind = nullcontext() if is_final else drafted(segments=content["part"] < 1.0)
+        # at full size lines are as sharp as pixels, and cost less there; for a slow line fewer bytes count more
+        is_lean = content["is_lean"]
+        kind = nullcontext() if is_final else drafted(segments=content["part"] < 1.0 and not is_lean)
         with stopped_when(lambda: self._newest.value > number), kind:
             frame = self._pictures.draw(scene)
         drawn = perf_counter()
         self._last = frame, not is_final
         if is_final:
             self._frame, self._frame_number = frame, number
-        file, layout = lossless(frame) if is_final else bare(frame)
+        file, layout = lossless(frame) if is_final else bare(frame, is_lean)
         if content["proof"]:
             file = with_proof(file, frame, layout.corner)
         facts = _facts_of(frame, layout)
         if is_final:
             facts["arrows"] = square_of_arrows(frame)
         else:
-            motion, numbers = motion_of(frame)
+            motion, numbers = motion_of(frame, is_lean)
             facts["motion"] = {**motion, "begin": len(file)}
             file += numbers
         facts["seconds"] = {"draw": drawn - start, "encode": perf_counter() - drawn}

@@ -30,7 +30,7 @@ from elvis.viewer.patches import FIXED, folder_of, patched, put_back, scene_of_p
 from elvis.viewer.placing import TakenError, place_of
 from elvis.viewer.second_data import SecondData, sources_with
 from elvis.viewer.sizing import LATE, Sizing
-from elvis.viewer.viewers import Viewer
+from elvis.viewer.viewers import Viewer, is_any_slow
 from elvis.viewer.watching import WatchedFiles
 
 #: seconds after the last change while something moves, until the picture is drawn whole
@@ -475,7 +475,13 @@ class Session:
         is_moving, revision = self._is_moving, self.revision
         is_draft = is_moving or not self._has_shown
         part = self._sizing.part() if is_draft else 1.0
-        content = {"table": self._shown_table(), "part": part, "is_draft": is_draft, "proof": self.is_proof}
+        content = {
+            "table": self._shown_table(),
+            "part": part,
+            "is_draft": is_draft,
+            "is_lean": is_any_slow(self.viewers),
+            "proof": self.is_proof,
+        }
         start = perf_counter()
         try:
             with self._drawer.limited(LATE if is_draft and self._sizing.is_late(part) else None):
@@ -487,11 +493,11 @@ class Session:
                 raise
             # only the complete picture reports errors: a small one may miss all visible points
             found, self._has_shown = None, True
-        now = perf_counter()
+        seconds = perf_counter() - start
         if is_moving:
-            self._sizing.note(part, now - start)
-        elif not is_draft and found is not None:
-            self._sizing.note_whole(now - start)
+            self._sizing.note(part, seconds)
+        elif not is_draft and found:
+            self._sizing.note_whole(seconds)
         if is_moving:
             asyncio.get_running_loop().call_later(REST if found else 0, self._wake.set)
         elif is_draft:
@@ -512,8 +518,9 @@ class Session:
                 return
             with self._drawer.limited(LATE):
                 found = await self._ask_leavably("try", {**content, "part": part, "is_draft": True})
-            if found or perf_counter() - start >= LATE:
-                self._sizing.note(part, perf_counter() - start)
+            seconds = perf_counter() - start
+            if found or seconds >= LATE:
+                self._sizing.note(part, seconds)
 
     async def _ask_leavably(self, name: str, content: Table) -> Any:
         """An answer that is given up, and is None, once something moves."""

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Awaitable, Callable
+from collections import deque
+from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass
+from time import perf_counter
 from typing import Any, TypeAlias
 
 from elvis.viewer.messages import id_of
 
 #: pictures on their way to a page that it has not confirmed, at most
 UNCONFIRMED = 2
+#: seconds until a confirmation, and how many that take longer one after another make a line slow
+LATE_CONFIRMATION, LATE_CONFIRMATIONS = 0.4, 3
 Send: TypeAlias = Callable[[str | bytes], Awaitable[None]]
 
 
@@ -20,27 +24,44 @@ class Viewer:
 
     sent, confirmed  numbers of the last picture that went there, and that it has shown
     waiting          the picture that goes there next
+    is_slow          whether pictures take long to arrive, until the next final one
     """
 
     send: Send
     sent: int = 0
     confirmed: int = 0
     waiting: bytes | None = None
+    is_slow: bool = False
+
+    def __post_init__(self) -> None:
+        self._times = deque[float]()
+        self._late = 0
 
     async def take(self, number: int, message: bytes, is_final: bool) -> None:
         """Send a picture, or keep a final one until there is room; others are skipped."""
         if self.sent - self.confirmed >= UNCONFIRMED:
             self.waiting = message if is_final else self.waiting
             return
-        self.waiting, self.sent = None, self.sent + 1
-        await self.send(message)
+        if is_final:
+            self.is_slow, self._late = False, 0
+        await self._put(message)
 
     async def confirm(self) -> None:
         """The page has shown one more picture."""
         self.confirmed = min(self.confirmed + 1, self.sent)
+        if self._times:
+            is_late = perf_counter() - self._times.popleft() > LATE_CONFIRMATION
+            self._late = self._late + 1 if is_late else 0
+            self.is_slow = self.is_slow or self._late >= LATE_CONFIRMATIONS
         if self.waiting is not None:
-            message, self.waiting, self.sent = self.waiting, None, self.sent + 1
-            await self.send(message)
+            await self._put(self.waiting)
+
+    async def _put(self, message: bytes) -> None:
+        """Send a picture."""
+        self.waiting = None
+        self.sent += 1
+        self._times.append(perf_counter())
+        await self.send(message)
 
     async def refuse(self, reason: str, message: object = None) -> None:
         """Send the reason for rejecting a message to the page that sent it."""
@@ -49,3 +70,8 @@ class Viewer:
         if own is not None:
             answer["id"] = own
         await self.send(json.dumps(answer))
+
+
+def is_any_slow(viewers: Iterable[Viewer]) -> bool:
+    """Whether pictures take long to reach one of the viewers."""
+    return any(viewer.is_slow for viewer in viewers)
