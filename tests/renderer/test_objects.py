@@ -318,6 +318,9 @@ def test_rays_and_triangles_intersect_for_every_eye_position(tmp_path):
     assert (level > -1e-6).all()
     inner = np.array([[0.0, 0.0, 0.0], [4.0, 4.0, 4.0], [-4.0, 0.0, 0.0]])
     assert np.array_equal(outside(surface, inner) < 0, [True, False, False])
+    trimesh.Trimesh(corners, faces[1:]).export(tmp_path / "open.ply")
+    with pytest.raises(FormatError, match=r"open\.ply: expected a closed surface, found open edges"):
+        outside(TriangleMesh(str(tmp_path / "open.ply")), inner)
 
 
 @pytest.mark.parametrize("content", [b"", b"solid\nendsolid\n", b"nonsense"])

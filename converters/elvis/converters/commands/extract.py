@@ -94,8 +94,8 @@ _MESHES = (".xml", ".vtu", ".msh")
     "clips",
     multiple=True,
     metavar="SURFACE",
-    help="Remove the parts of triangles and lines inside plane:P:N, sphere:C:R or cylinder:P:A:R; outside:SURFACE "
-    "removes those outside.  Repeatable.",
+    help="Remove the parts of triangles and lines inside plane:P:N, sphere:C:R or cylinder:P:A:R, or where an "
+    "expression of coordinates is below a value, such as x*y=0.1; outside:SURFACE removes those outside.  Repeatable.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, with all digits of the numbers.")
 @reader_option

@@ -9,7 +9,9 @@ from functools import cache
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints
-from elvis.core.distances.triangle_files import corners_of
+from elvis.core.distances.sides import is_closed
+from elvis.core.distances.triangle_files import corners_of, triangles_of
+from elvis.core.errors import FormatError
 from elvis.core.needing import require_module
 from elvis.scene import Cone, Cylinder, Plane, Sphere, TriangleMesh, unit
 from elvis.scene.surfaces import Solid
@@ -67,12 +69,13 @@ def hits(surface: Solid, view: View) -> Hits:
 def outside(surface: Solid, points: Floats) -> Floats:
     """(n,) distances of points (n, 3) from a surface near it, exact for planes; negative inside.
 
-    Inside is behind a plane, within a sphere, cylinder or cone, or where closed triangles wind around.
+    Inside is behind a plane, within a sphere, cylinder or cone, or where closed triangles wind around.  Raises
+    FormatError for triangles that are not closed.
     """
     if isinstance(surface, TriangleMesh):
         igl = require_module("igl", "the inside of a triangle file", "distances")
 
-        corners = triangles(surface.file).reshape(-1, 3)
+        corners = _closed_triangles(surface.file).reshape(-1, 3)
         faces = np.arange(len(corners)).reshape(-1, 3)
         return np.asarray(0.5 - igl.fast_winding_number(corners, faces, np.ascontiguousarray(points)))
     if isinstance(surface, Plane):
@@ -91,6 +94,14 @@ def triangles(file: str) -> Floats:
     corners = corners_of(file)
     corners.setflags(write=False)
     return corners
+
+
+@cache
+def _closed_triangles(file: str) -> Floats:
+    """As `triangles`; FormatError for a surface with open edges, which has no inside."""
+    if not is_closed([triangles_of(file)[1]]):
+        raise FormatError("expected a closed surface, found open edges, so it has no inside", file=file)
+    return triangles(file)
 
 
 def _quadric(surface: Sphere | Cylinder | Cone) -> tuple[Floats, Floats, float]:
