@@ -173,7 +173,7 @@ class Controls {
       radius: this.extent() / 4, angle: 30, expression: this.facts?.fields?.[0] ?? "x", values: [0], count: 10,
       contours: TEN_LINES, range: this.facts?.range ?? [0, 1], densities: [0, 1], file: "surface.stl", direction: [1, 1, 1], linear: 1e-3,
       across: this.axis(), length: this.extent(), arrows: this.extent() / 10, arrow_length: this.extent() / 40, ribbon: this.extent() / 50,
-      tolerance: 1e-6, font_size: 12, step: [this.extent(), 0, 0],
+      tolerance: 1e-6, font_size: 12, at: this.middle(), text: "text", step: [this.extent(), 0, 0],
     };
     if (key in usual) return usual[key];
     if (own.default !== undefined && own.default !== null) return own.default;
