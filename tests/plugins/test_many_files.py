@@ -69,6 +69,7 @@ def test_failures_are_summarised_and_other_files_continue(folder):
     ("words", "status", "reason"),
     [
         (("mesh.xml", "run_1.fld", "-o", "{stem}.csv"), 2, "expected a pattern of files in quotes"),
+        (("mesh.xml", "run_*.fld", "-o", "{name}.csv"), 2, "{name}.csv: expected {stem}, found {name}"),
         (("mesh.xml", "run_*.fld", "-o", "{stem}.csv", "--plot", "a.png"), 2, "as all cases would write a.png"),
         (("mesh.xml", "rnu_*.fld", "-o", "{stem}.csv"), 1, "rnu_*.fld: expected files of such names, found none"),
         (("mesh.xml", "run_*.fld", "-o", "{stem}.csv", "--feld", "u"), 2, "No such option"),

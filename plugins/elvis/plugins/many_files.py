@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import click
@@ -21,6 +22,7 @@ STEM = "{stem}"
 _FILES = ("data", "files")
 _OUTPUTS = ("output", "outputs", "plot", "stats", "save_scene")
 _WILD = re.compile(r"[*?]")
+_BRACES = re.compile(r"\{\w+\}")
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,14 @@ def for_many_files(command: click.Command) -> click.Command:
     settings = {"ignore_unknown_options": True, "help_option_names": []}
     everything = click.Argument(["words"], nargs=-1, type=click.UNPROCESSED)
     return click.Command(command.name, callback=run_all, params=[everything], context_settings=settings)
+
+
+def check_braces(words: Sequence[str], context: click.Context) -> None:
+    """UsageError for an output whose name has other braces than ``{stem}``."""
+    for flag, word in pairwise(words):
+        found = _BRACES.search(word) if flag in ("-o", "--output", "--plot") else None
+        if found and STEM not in word:
+            raise click.UsageError(f"{word}: expected {STEM}, found {found[0]}", context)
 
 
 def cases(words: Sequence[str], given: Mapping[str, object], context: click.Context) -> list[Case]:

@@ -21,7 +21,7 @@ from elvis.core.ranks import ALONE, Alone, MpiRanks, is_idle, ranks_of_run
 from elvis.core.terminal import one_line
 from elvis.plugins.help_topics import help_command
 from elvis.plugins.interrupts import INTERRUPTED, Interrupts
-from elvis.plugins.many_files import STEM, for_many_files
+from elvis.plugins.many_files import STEM, check_braces, for_many_files
 from elvis.plugins.registry import Plugin, PluginError, plugins
 
 #: environment variables, one of which is set if a browser can open, except on macOS and Windows
@@ -202,6 +202,9 @@ class PluginGroup(click.Group):
         words = _set_apart(words)
         if command is not None and any(STEM in word for word in words):
             return own_name, for_many_files(command), words
+        # only this command names steps in braces
+        if own_name != "watch":
+            check_braces(words, ctx)
         return own_name, command, words
 
     def _resolved(self, ctx: click.Context, args: list[str]) -> tuple[str | None, click.Command | None, list[str]]:
