@@ -25,7 +25,7 @@ from elvis.core.patch import Patch, patches
 from elvis.core.polynomials.evaluation import evaluate, evaluate_with_gradients
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.resolution.modal_bases import modal_basis
-from elvis.core.resolution.recovery import EXTRA
+from elvis.core.resolution.patch_fits import EXTRA
 from elvis.core.resolution.shared_points import groups_of_points
 
 #: norm of highest modes, relative to the largest in the mesh, below which differences are rounding

@@ -24,15 +24,10 @@ from elvis.core.resolution.decay_rates import (
     remainder_shares,
 )
 from elvis.core.resolution.modal_bases import ModalBasis, exact_rule, modal_basis
+from elvis.core.resolution.stored_precision import DOUBLE, SINGLE, is_single
 
 #: numbers in a table of values at quadrature points
 _BATCH = 1 << 20
-#: rounding of coefficients, relative to the largest root mean square on an element: of double and single precision
-DOUBLE, SINGLE = 1e-12, 2.5e-7
-#: share by which a single precision number may be off after a change of basis in double precision
-_CHANGED = 1e-13
-#: elements whose values at vertices tell the precision
-_TOLD_BY = 256
 #: amplitude of the highest level, relative to the largest root mean square, below which growth there is not reported:
 #: below it lies the noise of single precision and of iterative solvers
 _NOISE = 1e-6
@@ -149,16 +144,6 @@ def _of(patch: Patch) -> tuple[Expansion, Floats]:
     assert expansion is not None
     assert coefficients is not None
     return expansion, coefficients
-
-
-def is_single(patch: Patch) -> bool:
-    """Whether the field was written in single precision, by its values at vertices of some elements."""
-    expansion, coefficients = _of(patch)
-    values = evaluate(expansion, coefficients[:_TOLD_BY], patch.shape.vertices)
-    # values that are too large for single precision become infinite, and differ
-    with np.errstate(over="ignore", invalid="ignore"):
-        rounded = values.astype(np.float32).astype(np.float64)
-        return bool((np.abs(values - rounded) <= _CHANGED * np.abs(values).max(initial=0.0)).all())
 
 
 @dataclass(frozen=True, eq=False)
