@@ -29,6 +29,7 @@ from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.quantities import Expression
 from elvis.core.resolution.element_resolution import element_resolution
 from elvis.core.resolution.gradient_errors import gradient_errors
+from elvis.core.resolution.low_order_errors import with_neighbours
 from elvis.core.resolution.modal_bases import modal_basis
 from elvis.core.resolution.resolution_facts import resolution_facts
 from elvis.core.testing import grid
@@ -194,7 +195,7 @@ def worst(shape: Shape, number: int, orders: Sequence[int]) -> float:
 def _overlap(dataset: Dataset, made: Manufactured, order: int) -> float:
     """Share of the worst elements by estimate that are truly worst."""
     own = approximated(dataset, made.value, order)
-    true, estimated = true_errors(own, made, order)[0], element_resolution(own, "u").error
+    true, estimated = true_errors(own, made, order)[0], with_neighbours(own, "u", element_resolution(own, "u")).error
     count = int(np.ceil(SHARE * len(true)))
     is_chosen = np.zeros(len(true), bool)
     is_chosen[np.argsort(-estimated)[:count]] = True

@@ -8,6 +8,7 @@ from elvis.core.dataset import Dataset, Expansion, Field
 from elvis.core.errors import ElvisError
 from elvis.core.integrals import integrate
 from elvis.core.polynomials.bases import Basis
+from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.polynomials.expansion import mode_count, values
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.portions import along_curve, portions
@@ -18,6 +19,7 @@ from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.needed import needed_fields
 from elvis.core.resolution.decay_rates import decay_rates, grows_at_top
 from elvis.core.resolution.element_resolution import element_resolution
+from elvis.core.resolution.low_order_errors import with_neighbours
 from elvis.core.resolution.modal_bases import exact_rule, modal_basis
 from elvis.core.resolution.resolution_facts import resolution_facts
 from elvis.core.resolution.truncation import truncated
@@ -189,6 +191,49 @@ def test_estimated_error_is_near_the_true_one_and_finds_the_worst_elements(name)
     # elements count that have nearly the error of the last one among the truly worst
     worst = np.argsort(-found)[:20]
     assert np.mean(truth[worst] >= 0.9 * np.sort(truth)[-20]) >= 0.8
+
+
+@pytest.mark.parametrize("shape", Shape)
+def test_neighbours_tell_the_errors_of_order_two(shape):
+    """The error of a wave is largest where its highest mode, the second, vanishes."""
+    cells = {1: 60, 2: 12, 3: 4}[shape.dimension]
+    bare = Dataset(grid(shape, cells))
+
+    def wave(p):
+        return np.sin(cells * (p @ [0.8, 0.5, 0.3]) + 0.3)
+
+    coarse, fine = (approximated(bare, "u", wave, modes) for modes in (3, 6))
+    points, weights = exact_rule(fine.blocks[0].expansion)
+    values_of = [evaluate(own.blocks[0].expansion, own.blocks[0].coefficients, points) for own in (coarse, fine)]
+    own = Dataset(bare.mesh, (coarse,))
+    spectra = element_resolution(own, "u")
+    truth = np.sqrt((values_of[0] - values_of[1]) ** 2 @ weights / weights.sum() * spectra.measure)
+    quotients = with_neighbours(own, "u", spectra).error / truth
+    is_large = truth > np.median(truth)
+    assert np.mean((quotients > 0.5) & (quotients < 2) & is_large) > 0.9 * np.mean(is_large)
+
+
+def test_errors_of_low_order_are_known_on_curved_elements_and_next_to_unknown_ones():
+    bare = Dataset(curved(grid(Shape.QUADRILATERAL, 5), ripple(0.02), n=3))
+    field, fine = (approximated(bare, "u", lambda p: np.exp(p[:, 0] + 0.5 * p[:, 1]), modes) for modes in (4, 8))
+    own, best = Dataset(bare.mesh, (field,)), Dataset(bare.mesh, (fine,))
+    spectra = element_resolution(own, "u")
+    found = with_neighbours(own, "u", spectra)
+    points, weights = exact_rule(fine.blocks[0].expansion)
+    values_of = [
+        evaluate(own.field("u").blocks[0].expansion, own.field("u").blocks[0].coefficients, points)
+        for own in (own, best)
+    ]
+    truth = np.sqrt((values_of[0] - values_of[1]) ** 2 @ weights / 4 * found.measure)
+    assert np.median(found.error / truth) == pytest.approx(1, rel=0.3)
+    assert found.errors.max(axis=1) == pytest.approx(spectra.errors.max(axis=1) / spectra.error * found.error)
+
+    # an element without finite values is left out of all patches
+    coefficients = field.blocks[0].coefficients.copy()
+    coefficients[12, 0] = np.nan
+    broken = Field("u", (type(field.blocks[0])(field.blocks[0].expansion, field.blocks[0].element_ids, coefficients),))
+    own = Dataset(bare.mesh, (broken,))
+    assert np.isnan(with_neighbours(own, "u", element_resolution(own, "u")).error).nonzero()[0].tolist() == [12]
 
 
 @pytest.mark.parametrize("modes", [7, 8])

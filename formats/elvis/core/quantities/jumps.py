@@ -61,9 +61,11 @@ def _meet(side: Ints, element: Ints, values: Floats, greatest: Floats) -> None:
     first, second = order[:-1], order[1:]
     shared = side[first] == side[second]
     first, second = first[shared], second[shared]
-    difference = np.abs(values[first] - values[second]).max(axis=1)
-    for owner in (element[first], element[second]):
-        np.maximum.at(greatest, owner, difference)
+    # jumps next to values that are not finite are unknown
+    with np.errstate(invalid="ignore"):
+        difference = np.abs(values[first] - values[second]).max(axis=1)
+        for owner in (element[first], element[second]):
+            np.maximum.at(greatest, owner, difference)
 
 
 def _sides(dataset: Dataset, patch: Patch, start: int, along: int) -> Iterator[tuple[int, _Seen]]:

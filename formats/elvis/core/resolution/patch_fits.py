@@ -167,6 +167,10 @@ class PatchFits:
             table *= line[degrees]
         return table.reshape(self.size, *local.shape[:2])
 
+    def values(self, owners: Ints, places: Floats) -> Floats:
+        """(n, q) values of the polynomials of owners (n,) at positions (n, q, d)."""
+        return np.asarray(np.einsum("knq,nk->nq", self.table(owners, places), self.coefficients[owners]))
+
     def fit(self, owners: Ints, patches_of: sparse.csr_matrix) -> Bools:
         """Fit polynomials of owners (v,) to the elements of their patches (v, e).
 

@@ -109,8 +109,7 @@ class _VertexFits(PatchFits):
         places = own.positions(rows, points)
         found = np.empty((own.vertices.shape[1], *places.shape[:2]))
         for corner, vertices in enumerate(own.vertices[rows].T):
-            table = self.table(vertices, places)
-            found[corner] = np.einsum("knq,nk->nq", table, self.coefficients[vertices])
+            found[corner] = self.values(vertices, places)
         return found
 
     def _around(self) -> sparse.csr_matrix:

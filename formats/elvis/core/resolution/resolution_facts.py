@@ -19,6 +19,7 @@ from elvis.core.quantities.tree import AXES
 from elvis.core.ranges import field_range
 from elvis.core.resolution.element_resolution import ElementResolution, element_resolution
 from elvis.core.resolution.gradient_errors import gradient_errors, work_of
+from elvis.core.resolution.low_order_errors import with_neighbours
 from elvis.core.resolution.truncation import difference
 
 Facts = dict[str, Any]
@@ -71,7 +72,7 @@ def resolution_facts(dataset: Dataset, names: Sequence[str]) -> Facts:
     """
     # several measures take the same maps
     share(dataset.mesh)
-    measures = {name: element_resolution(dataset, name) for name in names}
+    measures = {name: with_neighbours(dataset, name, element_resolution(dataset, name)) for name in names}
     centres = _Centres.of(dataset)
     return {
         "fields": [_field_facts(dataset, name, own, centres) for name, own in measures.items()],
