@@ -46,7 +46,8 @@ class ElementResolution:
                          triangle of a prism, have one rate
     removed      (n,)    L2 norm over the element of the difference to the projection to one order less
     error        (n,)    L2 norm of what lies beyond the highest order, if the spectrum goes on to fall as it does on
-                         the element and its neighbours; that of ``removed`` for orders below 2
+                         the element and its neighbours; that of ``removed`` for orders below 2 (for orders 2 to 4 see
+                         also `low_order_errors`)
     errors       (n, 3)  parts of the error by direction, each at most the error; zero beyond the dimension
     grows        (n,)    whether energy grows at the highest mode, as aliasing leaves it
     norm         (n,)    L2 norm of the field over the element
