@@ -68,6 +68,7 @@ FILES = {
     "a.gz": (gzip.compress(b"nothing"), "a compressed file: unpack it"),
     "empty": (b"", "an empty file"),
     "notes.txt": (b"Dear all,\n", "a text that begins 'Dear all,'"),
+    "sensors.csv": (b"# x, y, u\n0,0,1\n", "a table of points: elvis convert --onto MESH"),
     "a.bin": (b"\x01\x02\0\x04abcdefgh", r"a binary file that begins b'.x01"),
 }
 

@@ -32,6 +32,10 @@ _BEGINNINGS: Sequence[tuple[bytes, str]] = (
         rb"(?s)(# EnSight|FORMAT\s+type:\s*ensight|C Binary)",
         "EnSight data: save an unstructured grid (.vtu) in ParaView",
     ),
+    (
+        rb"(?i)#?\s*(\w+\s*,\s*)?[xyz]\s*,\s*\w+",
+        "a table of points: elvis convert --onto MESH interpolates its values onto a mesh",
+    ),
     (rb"CDF[\x01\x02\x05]", "a netCDF file without elements of Exodus"),
     (rb"(?s)(<\?xml.*?)?<Xdmf", "an XDMF file, which names others: save an unstructured grid (.vtu) in ParaView"),
     (rb"(?s)(<\?xml.*?)?<(\w+)", "an XML file with another root"),
