@@ -19,6 +19,7 @@ from elvis.plugins.added_quantities import add_quantities
 from elvis.plugins.command import elvis
 from elvis.plugins.fourier_planes import fourier_coefficients, fourier_mean
 from elvis.plugins.fourier_slabs import in_slabs
+from elvis.plugins.onto_waves import onto_any_mesh
 
 PERIOD = 2.5
 
@@ -120,6 +121,20 @@ def of_triangles():
         for own in zip(*parts, strict=True)
     ]
     return Dataset(mesh, (Field("u", tuple(blocks)),))
+
+
+def test_waves_on_another_mesh():
+    """Linear functions of the plane are exact on any plane mesh; a mesh of volume elements gets the slabs' values."""
+    data = of_triangles()
+    found = onto_any_mesh(data, Dataset(grid(Shape.QUADRILATERAL, 1)), 2, "error")
+    assert all(own.is_exact for own in found.measures)
+    assert found.integrals[0].after == pytest.approx(integrate(data, "u").value, rel=1e-12)
+    assert np.abs(at_random(found.dataset, ["u"]) - at_random(data, ["u"])).max() < 1e-12
+    box = grid(Shape.HEXAHEDRON, 1)
+    volume = Dataset(replace(box, vertices=box.vertices * (1, 1, PERIOD / 8)))
+    assert onto_any_mesh(data, volume, 4, "error").measures[0].relative < 1e-2
+    with pytest.raises(ElvisError, match="expected error, nan, nearest or 0 for Fourier data, found 3"):
+        onto_any_mesh(data, Dataset(grid(Shape.QUADRILATERAL, 1)), 2, "3")
 
 
 def test_the_command_extrudes(tmp_path, monkeypatch):

@@ -24,6 +24,8 @@ from elvis.plugins.projection.verification import Maps
 from elvis.plugins.report import Measure, Report
 from elvis.plugins.reporting import measures_of_fields
 
+#: share of a target up to which it counts as not covered
+_LEAST_COVERED = 1e-12
 #: difference of two areas or volumes, as a share, that means the same
 _SAME_SIZE = 1e-6
 
@@ -87,7 +89,7 @@ def onto_mesh(
     converter = OtherMesh(source, target, order, outside, fields)
     work = ElementProjection(converter, target)
     fitted = work.fitted()
-    if not work.covered > 0:
+    if not work.covered > _LEAST_COVERED:
         raise ElvisError("--onto: the mesh and the data do not overlap")
     sampler = Sampler(converter)
     findings = measure(sampler, Maps(target), work.blocks, fitted)

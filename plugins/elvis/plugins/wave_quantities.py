@@ -49,20 +49,20 @@ def wave_fields(
     for number, name in enumerate(named):
         own = [each for each, field in zip(measures, source.fields, strict=True) if field.key[0] == number]
         planes = [blocks_of([work], each.name) for each in own]
-        field = Field(name, tuple(_stacked(parts, source.waves) for parts in zip(*planes, strict=True)))
+        field = Field(name, tuple(stacked_planes(parts, source.waves) for parts in zip(*planes, strict=True)))
         left = source.beyond[number]
-        found.append((field, _joined(name, own, left, source.ends[number]), left))
+        found.append((field, joined_measure(name, own, left, source.ends[number]), left))
     return found
 
 
-def _stacked(planes: tuple[Block, ...], waves: Homogeneous) -> Block:
+def stacked_planes(planes: tuple[Block, ...], waves: Homogeneous) -> Block:
     """The block of all planes, one after the other."""
     expansion = replace(planes[0].expansion, homogeneous=waves)
     coefficients = np.concatenate([own.coefficients for own in planes], axis=1)
     return Block(expansion, planes[0].element_ids, frozen_floats(coefficients))
 
 
-def _joined(name: str, planes: list[Measure], left: float, ends: tuple[float, float]) -> Measure:
+def joined_measure(name: str, planes: list[Measure], left: float, ends: tuple[float, float]) -> Measure:
     """The error of a field: errors of its planes, whose functions are at most 1, and the part beyond their waves.
 
     ends  the lowest and the highest value of the quantity

@@ -392,7 +392,8 @@ def _projected(
     """The fields, or the values of a table of points, on the mesh of other files."""
     from elvis.core.terminal import note
     from elvis.plugins.data import Reading, dataset_of
-    from elvis.plugins.onto_mesh import onto_mesh, report_of_transfer
+    from elvis.plugins.onto_mesh import report_of_transfer
+    from elvis.plugins.onto_waves import onto_any_mesh
     from elvis.plugins.scattered_points import is_point_table, points_onto_mesh
 
     fields = options["fields"]
@@ -410,7 +411,7 @@ def _projected(
     source = dataset_of(files, Reading(plugin, asked, moment=moment))
     for remark in (*source.remarks, *target.remarks):
         note(remark)
-    found = onto_mesh(source, target, options["order"], outside, names)
+    found = onto_any_mesh(source, target, options["order"], outside, names)
     return found.dataset, report_of_transfer(found, (*files, *onto))
 
 

@@ -1,0 +1,84 @@
+"""Fields with a Fourier direction on another plane mesh: each plane of coefficients is projected like a field."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from elvis.core.dataset import Dataset, Field
+from elvis.core.errors import ElvisError
+from elvis.core.patch import patches
+from elvis.plugins.added_quantities import with_errors
+from elvis.plugins.fourier_planes import fourier_coefficients
+from elvis.plugins.fourier_slabs import has_waves, in_slabs
+from elvis.plugins.onto_mesh import Integral, Transfer, onto_mesh
+from elvis.plugins.wave_quantities import joined_measure, stacked_planes
+
+
+def onto_any_mesh(
+    source: Dataset, target: Dataset, order: int | None, outside: str, fields: Sequence[str] | None = None
+) -> Transfer:
+    """The fields on another mesh as by `onto_mesh`, also with a Fourier direction.
+
+    On a plane mesh the waves stay; on a mesh of volume elements the data are cut into slabs first (`in_slabs`).
+    ``outside`` is then one of ``error``, ``nan``, ``nearest`` and 0.
+    """
+    if not has_waves(source):
+        return onto_mesh(source, target, order, outside, fields)
+    if target.mesh.dimension == source.mesh.dimension + 1:
+        return _by_slabs(source, target, order, outside, fields)
+    if outside not in ("error", "nan", "nearest", "0"):
+        raise ElvisError(f"--outside: expected error, nan, nearest or 0 for Fourier data, found {outside}")
+    return _by_planes(source, target, order, outside, fields)
+
+
+def _by_slabs(
+    source: Dataset, target: Dataset, order: int | None, outside: str, fields: Sequence[str] | None
+) -> Transfer:
+    """The projection of slabs, to whose errors those of the slabs are added."""
+    slabs = in_slabs(source)
+    found = onto_mesh(slabs.dataset, target, order, outside, fields)
+    before = {own.name: own for own in slabs.report.fields}
+    measures = tuple(
+        replace(
+            own,
+            max=own.max + before[own.name].max,
+            l2=own.l2 + before[own.name].l2,
+            is_exact=own.is_exact and before[own.name].is_exact,
+        )
+        for own in found.measures
+    )
+    metadata = with_errors(replace(found.dataset, metadata=target.metadata), measures)
+    return replace(found, dataset=replace(found.dataset, metadata=metadata), measures=measures)
+
+
+def _by_planes(
+    source: Dataset, target: Dataset, order: int | None, outside: str, fields: Sequence[str] | None
+) -> Transfer:
+    names = [own.name for own in source.solution if fields is None or own.name in fields]
+    waves = {own.homogeneous for own in patches(source, names)}
+    first = next(iter(waves), None)
+    if len(waves) != 1 or first is None or len(first.lengths) != 1:
+        raise ElvisError("--onto: expected fields with one Fourier direction, found none or several")
+
+    # all planes of all fields are fields of one projection
+    planes = [fourier_coefficients(source, number) for number in first.z_ids]
+    parts = [replace(own.field(name), name=f"{name} {k}") for name in names for k, own in enumerate(planes)]
+    found = onto_mesh(replace(planes[0], fields=(*planes[0].map_fields, *parts)), target, order, outside)
+
+    solution, measures = [], []
+    for name in names:
+        own = [found.dataset.field(f"{name} {k}") for k in range(len(planes))]
+        blocks = zip(*(each.blocks for each in own), strict=True)
+        solution.append(Field(name, tuple(stacked_planes(each, first) for each in blocks), False))
+        errors = [each for each in found.measures if each.name.rpartition(" ")[0] == name]
+        ends = max(sum(each.magnitude for each in errors), 0.0)
+        measures.append(joined_measure(name, errors, 0.0, (-ends, ends)))
+    held = tuple(own for own in target.fields if own.name in target.map_names)
+    bare = replace(found.dataset, fields=(*held, *solution), metadata=target.metadata, time=source.time)
+    dataset = replace(bare, metadata=with_errors(bare, measures))
+    # only the first plane has a mean
+    means = {own.name.rpartition(" ")[0]: own for own in found.integrals if own.name.endswith(" 0")}
+    length = first.lengths[0]
+    integrals = tuple(Integral(name, length * own.before, length * own.after) for name, own in means.items())
+    return replace(found, dataset=dataset, measures=tuple(measures), integrals=integrals)
