@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from elvis.core.dataset import Dataset, Field
+from elvis.core.dataset import Dataset, Field, Homogeneous
 from elvis.core.errors import ElvisError
 from elvis.core.patch import patches
 from elvis.plugins.added_quantities import with_errors
 from elvis.plugins.fourier_planes import fourier_coefficients
 from elvis.plugins.fourier_slabs import has_waves, in_slabs
 from elvis.plugins.onto_mesh import Integral, Transfer, onto_mesh
+from elvis.plugins.report import Measure
 from elvis.plugins.wave_quantities import joined_measure, stacked_planes
 
 
@@ -55,30 +56,43 @@ def _by_slabs(
 def _by_planes(
     source: Dataset, target: Dataset, order: int | None, outside: str, fields: Sequence[str] | None
 ) -> Transfer:
+    """The projection of all planes of all fields, as fields of one projection."""
     names = [own.name for own in source.solution if fields is None or own.name in fields]
-    waves = {own.homogeneous for own in patches(source, names)}
-    first = next(iter(waves), None)
-    if len(waves) != 1 or first is None or len(first.lengths) != 1:
-        raise ElvisError("--onto: expected fields with one Fourier direction, found none or several")
-
-    # all planes of all fields are fields of one projection
-    planes = [fourier_coefficients(source, number) for number in first.z_ids]
+    waves = _waves_of(source, names)
+    planes = [fourier_coefficients(source, number) for number in waves.z_ids]
     parts = [replace(own.field(name), name=f"{name} {k}") for name in names for k, own in enumerate(planes)]
     found = onto_mesh(replace(planes[0], fields=(*planes[0].map_fields, *parts)), target, order, outside)
 
-    solution, measures = [], []
-    for name in names:
-        own = [found.dataset.field(f"{name} {k}") for k in range(len(planes))]
-        blocks = zip(*(each.blocks for each in own), strict=True)
-        solution.append(Field(name, tuple(stacked_planes(each, first) for each in blocks), False))
-        errors = [each for each in found.measures if each.name.rpartition(" ")[0] == name]
-        ends = max(sum(each.magnitude for each in errors), 0.0)
-        measures.append(joined_measure(name, errors, 0.0, (-ends, ends)))
+    solution = [_joined_planes(found, name, waves) for name in names]
+    measures = tuple(_joined_errors(found, name) for name in names)
     held = tuple(own for own in target.fields if own.name in target.map_names)
     bare = replace(found.dataset, fields=(*held, *solution), metadata=target.metadata, time=source.time)
     dataset = replace(bare, metadata=with_errors(bare, measures))
     # only the first plane has a mean
     means = {own.name.rpartition(" ")[0]: own for own in found.integrals if own.name.endswith(" 0")}
-    length = first.lengths[0]
+    length = waves.lengths[0]
     integrals = tuple(Integral(name, length * own.before, length * own.after) for name, own in means.items())
-    return replace(found, dataset=dataset, measures=tuple(measures), integrals=integrals)
+    return replace(found, dataset=dataset, measures=measures, integrals=integrals)
+
+
+def _waves_of(source: Dataset, names: Sequence[str]) -> Homogeneous:
+    """The only Fourier direction of some fields; ElvisError for others."""
+    waves = {own.homogeneous for own in patches(source, names)}
+    first = next(iter(waves), None)
+    if len(waves) != 1 or first is None or len(first.lengths) != 1:
+        raise ElvisError("--onto: expected fields with one Fourier direction, found none or several")
+    return first
+
+
+def _joined_planes(found: Transfer, name: str, waves: Homogeneous) -> Field:
+    """The field that consists of projected planes."""
+    planes = [found.dataset.field(f"{name} {k}") for k in range(len(waves.z_ids))]
+    blocks = zip(*(own.blocks for own in planes), strict=True)
+    return Field(name, tuple(stacked_planes(each, waves) for each in blocks), False)
+
+
+def _joined_errors(found: Transfer, name: str) -> Measure:
+    """The error of a field from the errors of its planes."""
+    errors = [own for own in found.measures if own.name.rpartition(" ")[0] == name]
+    most = sum(own.magnitude for own in errors)
+    return joined_measure(name, errors, 0.0, (-most, most))
