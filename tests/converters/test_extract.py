@@ -351,6 +351,7 @@ def test_boundaries_record_their_elements(files, tmp_path, elvis, suffix):
         (["--boundary", "wall"], "a.stl", "there is no boundary 'wall'"),
         (["--boundary", "domain"], "a.stl", "domain: expected a boundary, found elements"),
         (["--boundary", "all", "--plane", "0,0,0:0,0,1"], "a.stl", "expected one of --boundary"),
+        (["--isosurface", "p=1.6", "--isosurface", "p=1.7"], "a.stl", "expected one of --boundary"),
         (["--plane", "0,0,0.5:0,0,1"], "a.xml", "expected a name ending in"),
         (["--plane", "0,0,0.5:0,0,1", "--tolerance", "-1"], "a.stl", "expected a positive tolerance"),
         (

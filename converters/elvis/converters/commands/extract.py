@@ -58,10 +58,17 @@ _MESHES = (".xml", ".vtu", ".msh")
     "(fields go next to it, .fld), .vtu or .msh, and so with --order other surfaces; a plane across a Fourier "
     "direction also as .xml; lines as .vtp, .csv or .npz.",
 )
-@click.option("--boundary", metavar="NAME", help="Name of a boundary, or all for all outer faces.")
-@click.option("--plane", metavar="P:N|z=V", help="Plane through P with normal N, such as 0,0,0.5:0,0,1, or z=0.5.")
-@click.option("--cut", metavar="SURFACE", help="Surface such as sphere:C:R, cylinder:P:A:R, or an equation, x*y=0.1.")
-@click.option("--isosurface", metavar="Q=V", help="Isosurface of quantity Q at value V.")
+@click.option("--boundary", multiple=True, metavar="NAME", help="Name of a boundary, or all for all outer faces.")
+@click.option(
+    "--plane", multiple=True, metavar="P:N|z=V", help="Plane through P with normal N, such as 0,0,0.5:0,0,1, or z=0.5."
+)
+@click.option(
+    "--cut",
+    multiple=True,
+    metavar="SURFACE",
+    help="Surface such as sphere:C:R, cylinder:P:A:R, or an equation, x*y=0.1.",
+)
+@click.option("--isosurface", multiple=True, metavar="Q=V", help="Isosurface of quantity Q at value V.")
 @click.option(
     "--streamlines",
     "seeds",
@@ -167,12 +174,14 @@ def _write(dataset: Dataset, surface: tuple[str, str], is_mesh: bool, output: Pa
 def _surface(named: dict[str, Any]) -> tuple[str, str]:
     """The kind of the requested surface or lines, and its name; seeds are separated by line ends."""
     seeds = named.pop("seeds")
-    given = {key: text for key, text in named.items() if text is not None} | ({"seeds": seeds} if seeds else {})
+    given = [(key, text) for key, texts in named.items() for text in texts]
+    if seeds:
+        given.append(("seeds", "\n".join(seeds)))
     if len(given) != 1:
-        raise click.UsageError("expected one of --boundary, --plane, --cut, --isosurface and --streamlines")
-    ((kind, text),) = given.items()
+        raise click.UsageError("expected one of --boundary, --plane, --cut, --isosurface and --streamlines, once")
+    ((kind, text),) = given
     if kind == "seeds":
-        return kind, "\n".join(text)
+        return kind, text
     if kind == "isosurface" and "=" not in text:
         raise click.BadParameter(f"expected Q=V, such as p=0.5, found {text!r}", param_hint="'--isosurface'")
     return kind, f"plane:{text}" if kind == "plane" else text
