@@ -59,8 +59,10 @@ def test_drafts_keep_their_size_and_lines_are_sharp(page, viewer):
     page.evaluate(NOTE)
     steps = ((20 * np.sin(0.2 * k), 5 * np.cos(0.2 * k)) for k in range(500))
     is_drawn = False
-    for _ in turn(page, canvas_place(page, 80, 60), steps):
+    width, height = page.evaluate("elvis.picture.image.slice(2)")
+    for _ in turn(page, canvas_place(page, width // 2, height // 2), steps):
         is_drawn = is_drawn or min(page.evaluate(DARK)) > 100
+        assert page.locator(".elvis-tip").is_hidden()
         if is_drawn and page.evaluate("drafts.length") > 2:
             break
     assert is_drawn
@@ -68,6 +70,8 @@ def test_drafts_keep_their_size_and_lines_are_sharp(page, viewer):
     page.mouse.up()
     settled(page, viewer)
     assert page.locator(".elvis-warp:visible").count() == 0
+    # the value under the pointer returns without another movement
+    page.wait_for_selector(".elvis-tip:visible", timeout=20_000)
 
 
 def test_arrows_along_axes_are_those_of_the_sharp_picture(page, viewer):

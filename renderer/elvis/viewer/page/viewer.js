@@ -3044,7 +3044,7 @@ class Viewer {
       return;
     }
     this.middle = null;
-    this.tip.hidden = true;
+    this.point(null);
     this.dragged = { x: event.clientX, y: event.clientY, way: 0, point: this.warp.under(this.place(event)), isPan: event.button > 0 || event.shiftKey || this.facts?.kind === "plane" };
   }
 
@@ -3092,6 +3092,8 @@ class Viewer {
     const drag = this.dragged;
     this.dragged = null;
     if (!drag) return;
+    // the next picture tells the value where the pointer is now
+    if (event.pointerType !== "touch") this.pointer = { clientX: event.clientX, clientY: event.clientY };
     if (drag.way < 4) this.click(event);
     else this.look((camera) => camera);
   }
