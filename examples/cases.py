@@ -83,7 +83,7 @@ def folded(quick: bool) -> Dataset:
     at_vertices = 1 - 2.4 * corners[:, 0]
     modes = np.linalg.solve(values(expansion, Shape.TETRAHEDRON.vertices), at_vertices)
     ids = geometry(dataset)[0].element_ids
-    return replace(dataset, fields=(Field("jacobian", (Block(expansion, ids, modes[None]),)),))
+    return replace(dataset, fields=(Field("jacobian", (Block(expansion, ids, np.asarray(modes[None], np.float64)),)),))
 
 
 def twist(quick: bool) -> Dataset:

@@ -124,7 +124,9 @@ def _move_nodes(gmsh: Any, warp: Warp | None) -> None:
         places[bad] = tetrahedra.straight @ places[bad[:, :4]]
 
     moved, strength = places, np.ones(len(places))
-    for _ in range(_ROUNDS if warp else 0):
+    for _ in range(_ROUNDS):
+        if warp is None:
+            break
         moved = warp(places, strength)
         bad = tetrahedra.folded(moved)
         if not len(bad):
@@ -153,6 +155,8 @@ class _Tetrahedra:
     def folded(self, places: Floats) -> Ints:
         """(k, nodes) rows of the nodes of elements whose Jacobian is not positive for certain."""
         coefficients = np.linalg.solve(self._modes, places[self._nodes]).transpose(0, 2, 1)
-        block = GeometryBlock(self._expansion, np.arange(len(self._nodes)), np.ascontiguousarray(coefficients))
+        block = GeometryBlock(
+            self._expansion, np.arange(len(self._nodes)), np.ascontiguousarray(coefficients, np.float64)
+        )
         found = validity(Dataset(one_element(Shape.TETRAHEDRON)), [block])
         return np.asarray(self._nodes[found.status != ValidityStatus.POSITIVE])

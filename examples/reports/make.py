@@ -148,7 +148,8 @@ def cell(word: str, rival: dict, seconds: dict) -> str:
     surfaces = [own["hausdorff"] for own in rival.get("surfaces", {}).values() if own]
     found = {"off": rival.get("off"), "contours": rival.get("contour_max"), "surface": max(surfaces, default=None)}
     unit = {"off": " %", "contours": " px", "surface": ""}[word]
-    return "–" if found[word] is None else short(found[word]) + unit
+    value = found[word]
+    return "–" if value is None else short(value) + unit
 
 
 def memory(count: float) -> str:
