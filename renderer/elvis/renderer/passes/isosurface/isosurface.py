@@ -239,7 +239,7 @@ class IsosurfaceDrawer:
         }
         self._kernel("iso_sift", number, quantity)(groups, lists, groups=True)
         sifted = int(self.device.read(lists["sifted_count"], np.uint32)[0])
-        if has_series:
+        if has_series and not self._is_in_boxes(level):
             self.find_points(level, lists["sifted"], sifted)
         split(sifted, lists)
         count = int(self.device.read(lists["count"], np.uint32)[0])
@@ -377,6 +377,11 @@ class IsosurfaceDrawer:
         enclosure = self._enclosure(number, quantity)
         return enclosure is not None and not enclosure.distances
 
+    def _is_in_boxes(self, level: Level) -> bool:
+        """Whether boxes of elements have series of a quantity."""
+        enclosure = self._enclosure(level.number, level.quantity)
+        return enclosure is not None and enclosure.boxes is not None
+
     def _enclosure(self, number: int, quantity: str | None) -> Enclosure | None:
         """The composition of a quantity; None if it is a polynomial, or isn't enclosed."""
         return enclosure_of(self.loaded.quantity(number, quantity))
@@ -415,14 +420,15 @@ class IsosurfaceDrawer:
         number, quantity = level.number, level.quantity
         if not self._has_series(number, quantity):
             return self.device.empty(np.float64, 1)
-        own = self.loaded.quantity(number, quantity)
+        own, in_boxes = self.loaded.quantity(number, quantity), self._is_in_boxes(level)
         kernel, on_device = self._kernel("iso_fit", number, quantity), self.device.buffer(sub_elements)
         fits = self.device.empty(np.float64, (stand_in(own) + 1) ** 3 * len(sub_elements))
-        lists = {**self._constants(number, quantity), **level.buffers, "fits": fits}
-        most = self._points_at_once(level)
+        lists = {**self._constants(number, quantity), **level.buffers, "fits": fits, "sub_elements": on_device}
+        most = len(sub_elements) if in_boxes else self._points_at_once(level)
         for first in range(0, len(sub_elements), most):
             count = min(most, len(sub_elements) - first)
-            self.find_points(level, on_device, count, first)
+            if not in_boxes:
+                self.find_points(level, on_device, count, first)
             kernel(count, {**lists, "level_view": self._level_view(kernel, level, count=count, offset=first)})
         return fits
 
