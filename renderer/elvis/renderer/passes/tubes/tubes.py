@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.streamlines.line_pieces import Pieces
@@ -24,5 +25,7 @@ class TubeDrawer(PieceDrawer[Pieces]):
         return shown
 
     def fill(self, records: NDArray[Any], shown: Pieces, seen: PiecesInView) -> None:
-        """How far curves may be off."""
+        """How far curves may be off, and how far their points are from their middles."""
         records["deviation"] = shown.deviation[seen.number]
+        # |P(u) - P(0)| is at most the sum of the lengths of all other coefficients
+        records["reach"] = np.linalg.norm(seen.points[:, 1:], axis=2).sum(axis=1)
