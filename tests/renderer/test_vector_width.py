@@ -15,7 +15,7 @@ from archives import arrays_of
 from elvis.renderer.adapters import adapters
 
 WIDTHS = ("256", "512") if "EVERY_TEST" in os.environ else ("256",)
-CASES = ("cut-HEXAHEDRON", "isosurface-TETRAHEDRON", "faces-TETRAHEDRON", "volume-TETRAHEDRON")
+CASES = ("cut-HEXAHEDRON", "isosurface-TETRAHEDRON", "faces-TETRAHEDRON", "volume-HEXAHEDRON")
 DRAWING = """
 import sys
 import numpy as np

@@ -21,7 +21,7 @@ from elvis.renderer.diagnostics import compiling
 from elvis.renderer.kernel_cache import KernelCache, kernel_cache
 from elvis.renderer.kernel_failures import naming_what_fails
 from elvis.renderer.layouts import dtype_of
-from elvis.renderer.leaf_types import enclosure_of, leaves, leaves_along_rays
+from elvis.renderer.leaf_types import enclosure_of, leaves, leaves_along_rays, works_together
 from elvis.renderer.memory import CLOSED, Buffer, Pool
 from elvis.renderer.pacing import Pace, Watch, grid_of, rows_of
 
@@ -34,7 +34,7 @@ SHADERS = [_HERE / "shaders", *sorted(path for path in (_HERE / "passes").iterdi
 #: stages whose waves work on one element at a time
 TOGETHER = ("cut_draw", "face_draw", "iso_draw", "iso_line", "volume_list", "volume_trace", "line_draw")
 #: stages that evaluate elements with all lanes of a wave; the number of lanes that read for one another in software
-SHARING, SHARING_LANES = ("cut_draw", "face_draw", "iso_draw"), 8
+SHARING, SHARING_LANES = ("cut_draw", "face_draw", "iso_draw", "volume_trace"), 8
 #: stages that hold many copies of an element's code, as formulas do: loops compile sooner
 COMPACT = ("line_draw", "trace_follow", "volume_bends")
 #: stages that bound quantities along rays
@@ -227,8 +227,7 @@ class Device:
 
     def _sharing_lanes(self, stage: str, chosen: Part | Quantity) -> int:
         """The number of lanes that read for one another in a stage (lanes.slang); 1 if they do not."""
-        # isosurfaces of quantities that are not polynomials evaluate them on some lanes only
-        shares = stage in SHARING and (stage != "iso_draw" or chosen.degree > 0)
+        shares = stage in SHARING and works_together(stage, chosen)
         return SHARING_LANES if shares and self._has_wide_waves else 1
 
     @cached_property

@@ -29,6 +29,24 @@ def along_rays(part: Part, chosen: Part | Quantity) -> Enclosure | None:
     return Enclosure(type, 1, degree, base, degree, False, errors, slopes=False)
 
 
+def works_together(stage: str, chosen: Part | Quantity) -> bool:
+    """Whether all lanes of a stage evaluate a quantity together.
+
+    Distances are evaluated on some lanes only; so are conditions of levels, and quantities without proof, where rays
+    meet an isosurface.
+    """
+    enclosure = chosen.enclosure
+    if chosen.degree > 0:
+        return True
+    if enclosure is not None and enclosure.distances:
+        return False
+    if stage != "iso_draw":
+        return True
+    enclosure = enclosure_of(chosen)
+    boxes = None if enclosure is None else enclosure.boxes
+    return enclosure is not None and (boxes is None or not (boxes.condition[:, 0] >= 0.0).any())
+
+
 def leaves_along_rays(part: Part, chosen: Part | Quantity) -> str:
     """Slang text of a quantity's composition for stages of volumes."""
     enclosure = along_rays(part, chosen)
