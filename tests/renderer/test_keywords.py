@@ -175,7 +175,7 @@ def test_wrong_keywords_get_hints(cube, name, told):
 @pytest.mark.parametrize(
     ("given", "told"),
     [
-        ({"plane": 5}, "plane: expected POINT:NORMAL|z=V, or its parts, found 5"),
+        ({"plane": 0.2}, "plane: expected an axis with the value, such as 'z=0.2', found 0.2"),
         ({"plane": ((0, 0), (0, 0, 1))}, "plane: expected POINT:NORMAL"),
         ({"plane": "0,0:1"}, "plane: expected"),
         ({"plane": (POINT, (0, 0, 0))}, "must be a direction"),

@@ -178,6 +178,8 @@ def _plane(value: Any) -> Plane:
     if isinstance(value, Mapping):
         ((axis, place),) = value.items()
         return parameters.plane(f"{axis}={place!r}")
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        raise SceneError(f"plane: expected an axis with the value, such as 'z={value:g}', found {value!r}")
     point, normal = map(_floats, value)
     if len(point) != 3 or len(normal) != 3:
         raise ValueError
