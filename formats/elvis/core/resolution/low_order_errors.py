@@ -12,7 +12,7 @@ For fields that are smooth on the patch, the missing part tends to the error, an
 to shocks, kinks and corners the misfit is as large.  The spectrum then says more, if it has levels enough.  Two levels
 always lie on an exponential law, three and four can confirm it, so that the trust in the spectrum is
 
-    trust = (p - 2) / 2,    share = trust misfit^2 / (missing^2 + misfit^2),
+    trust = (p - 2) / 2,    share = trust (2 misfit)^2 / (missing^2 + (2 misfit)^2),
     error = (missing^2 + (1 - trust) misfit^2)^((1 - share) / 2) error of the spectrum^share.
 
 Polynomials of degree p + 1 would do for smooth fields in theory (Zhang and Naga 2005, A new finite element gradient
@@ -41,6 +41,8 @@ from elvis.core.resolution.recovery import is_continuous
 
 #: degrees of the polynomials beyond the order of the field
 _MORE = 2
+#: factor of the misfit against the missing part: from half of it on, the spectrum counts as much as the polynomial
+_MISFIT = 2.0
 #: numbers in normal equations from which fits are left out: some seconds
 _MOST_WORK = 10_000_000
 
@@ -75,8 +77,8 @@ def _work(own: ElementResolution, order: int, dimension: int) -> int:
 
 def _blended(missing: Floats, misfit: Floats, of_spectrum: Floats, trust: Floats) -> Floats:
     """(n,) errors from both norms on the patch and from the spectrum, which is trusted between 0 and 1."""
-    total = np.maximum(missing**2 + misfit**2, np.finfo(float).tiny)
-    share = trust * misfit**2 / total
+    rough = (_MISFIT * misfit) ** 2
+    share = trust * rough / np.maximum(missing**2 + rough, np.finfo(float).tiny)
     of_patch = np.sqrt(missing**2 + (1 - trust) * misfit**2)
     return np.asarray(of_patch ** (1 - share) * of_spectrum**share)
 
