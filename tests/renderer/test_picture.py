@@ -125,6 +125,20 @@ def test_the_automatic_range(values, expected):
     assert automatic_range(np.array(values)) == pytest.approx(expected)
 
 
+@pytest.mark.parametrize(
+    ("palette", "values", "expected"),
+    [
+        ("RdBu_r", [-1.0, 3.0], (-3.0, 3.0)),
+        ("elvis:diverging", [-4.0, 3.0], (-4.0, 4.0)),
+        ("coolwarm", [0.5, 3.0], (0.5, 3.0)),
+        ("viridis", [-1.0, 3.0], (-1.0, 3.0)),
+        ("elvis:rainbow", [-1.0, 3.0], (-1.0, 3.0)),
+    ],
+)
+def test_zero_is_the_middle_of_a_diverging_map(palette, values, expected):
+    assert automatic_range(np.array(values), palette) == expected
+
+
 def test_the_plain_picture_is_the_colours(frame):
     image = picture(frame, plain=True)
     assert image.size == (80, 60)

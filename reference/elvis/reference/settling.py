@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-import numpy as np
-
 from elvis.reference.sources import Source
 from elvis.scene import Glyphs, Scene, SceneObject, Streamlines, VolumeRendering
 from elvis.scene.errors import SceneError
@@ -24,16 +22,21 @@ def settle_range(source: Source, scene: Scene) -> Scene:
     def settle_styles(item: SceneObject) -> SceneObject:
         if isinstance(item, VolumeRendering) or item.style.quantity is None or item.style.range is not None:
             return item
-        return replace(item, style=replace(item.style, range=_bounds(source, item.style.quantity)))
+        return replace(
+            item,
+            style=replace(item.style, range=_bounds(source, item.style.quantity, item.style.palette or scene.palette)),
+        )
 
-    return replace(scene, range=_bounds(source, scene.field), objects=tuple(map(settle_styles, scene.objects)))
+    return replace(
+        scene, range=_bounds(source, scene.field, scene.palette), objects=tuple(map(settle_styles, scene.objects))
+    )
 
 
-def _bounds(source: Source, name: str) -> tuple[float, float]:
+def _bounds(source: Source, name: str, palette: str) -> tuple[float, float]:
     found = source.bounds(name)
     if found is None:
         raise SceneError(f"no bounds of {name!r} over all data are known: use two values for the range, or visible")
-    return automatic_range(np.array(found))
+    return automatic_range(found, palette)
 
 
 def supersample(draw: Draw, source: Source, scene: Scene) -> Frame:

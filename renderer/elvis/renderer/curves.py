@@ -99,8 +99,9 @@ def draw_curves(dataset: Dataset, scene: Scene) -> Frame:
     if not np.isfinite(distance).any():
         raise AbsentError(empty_picture_remark(None, surrounding([curves.boxes()])))
     asked = style.range or scene.range
-    ends = asked if isinstance(asked, tuple) else automatic_range(curves.value)
-    palette = Palette.of_name(style.palette or scene.palette, *ends).over_range(scene.bar)
+    name = style.palette or scene.palette
+    ends = asked if isinstance(asked, tuple) else automatic_range(curves.value, name)
+    palette = Palette.of_name(name, *ends).over_range(scene.bar)
     return _frame(scene, view, curves, line_coverage(distance, width), number, palette, style)
 
 

@@ -458,7 +458,7 @@ class Renderer:
         own = {name: array[inner] for name, array in own.items()}
         every = joined(rows.gathered(own) or [own])
         if scene.range == "all":
-            scene = replace(scene, range=automatic_range(np.array(self.stages.bounds(scene.field))))
+            scene = replace(scene, range=automatic_range(self.stages.bounds(scene.field), scene.palette))
         shown = every["field"], every["element"], every.get("reference"), every["status"]
         frame = Frame(scene, view, *shown)
         sizes = {"volume": loaded.bytes, "image": 12 * view.count}

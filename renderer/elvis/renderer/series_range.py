@@ -40,14 +40,17 @@ def with_range(scene: Scene, is_kept: bool = True, series: Series | None = None,
         series = series_in(tuple(map(Path, scene.data)), reading)
     if series is None:
         raise SceneError("range: expected several steps of a series, found one state: use visible, all or two values")
-    return replace(scene, range=range_over(scene.field, series, scene.between, ranks))
+    return replace(scene, range=range_over(scene.field, series, scene.between, ranks, scene.palette))
 
 
-def range_over(text: str, series: Series, between: str = BETWEEN[0], ranks: Ranks = ALONE) -> tuple[float, float]:
+def range_over(
+    text: str, series: Series, between: str = BETWEEN[0], ranks: Ranks = ALONE, palette: str | None = None
+) -> tuple[float, float]:
     """The smallest lower and the largest upper bound of a quantity over all steps; SceneError where none is known.
 
     between  how derivatives in time are found
     ranks    that each read their part of the steps
+    palette  name of the colour map
     """
     ends: list[float] = []
     for number in track(series.readable(), "range of all steps", len(series)):
@@ -60,7 +63,7 @@ def range_over(text: str, series: Series, between: str = BETWEEN[0], ranks: Rank
         ends += [] if found is None else [found.lower, found.upper]
     if not ends or not np.isfinite(ends).all():
         raise SceneError(f"range: no bounds of {text} over all steps are known: expected visible or two values")
-    return automatic_range(np.array(ends))
+    return automatic_range(ends, palette)
 
 
 def _range_in_parts(part: Portion, expression: Expression, ranks: Ranks) -> Range | None:

@@ -112,13 +112,13 @@ class Painter:
             return draw_call.quantity
         return self.stages.parts_quantity(contours.quantity, self.scene)
 
-    def range_of(self, quantity: str | None, asked: object) -> tuple[float, float]:
-        """The ends of a colour map."""
+    def range_of(self, quantity: str | None, asked: object, palette: str | None) -> tuple[float, float]:
+        """The ends of a colour map; of contours alone without ``palette``."""
         if isinstance(asked, tuple):
             return asked
         if asked == "all":
-            return automatic_range(np.array(self.stages.bounds_on_copies(quantity or self.scene.field)))
-        return automatic_range(np.array(self._seen.get(quantity or "", ())))
+            return automatic_range(self.stages.bounds_on_copies(quantity or self.scene.field), palette)
+        return automatic_range(self._seen.get(quantity or "", ()), palette)
 
     def paint(
         self, drawn: Drawn, view: View, *, whole: bool = False, behind: Vector | None = None
@@ -222,7 +222,7 @@ class Painter:
             self._bar(quantity, style),
         )
         if key not in self._palettes:
-            self._palettes[key] = Palette.of_name(key[1], *self.range_of(quantity, key[2])).over_range(key[3])
+            self._palettes[key] = Palette.of_name(key[1], *self.range_of(quantity, key[2], key[1])).over_range(key[3])
         return self._palettes[key]
 
     def _bar(self, quantity: str | None, style: Style) -> ColorBar | None:
@@ -241,8 +241,10 @@ class Painter:
         if contours.count is None:
             return np.unique(np.asarray(contours.values, dtype=np.float64))
         quantity = self.of_contours(draw_call)
-        asked = self._scene_range(quantity, draw_call.style) if quantity == draw_call.quantity else "visible"
-        return levels(*self.range_of(quantity, asked), contours.count, is_round=contours.round)
+        is_coloured = quantity == draw_call.quantity
+        asked = self._scene_range(quantity, draw_call.style) if is_coloured else "visible"
+        palette = (draw_call.style.palette or self.scene.palette) if is_coloured else None
+        return levels(*self.range_of(quantity, asked, palette), contours.count, is_round=contours.round)
 
     def legends(self, draw_calls: Sequence[DrawCall]) -> tuple[Legend, ...]:
         """Legends of the colours and contours of all draw calls, each once."""

@@ -245,7 +245,7 @@ class Frame:
             if maps:
                 return maps[0]
         asked = self.scene.range
-        ends = asked if isinstance(asked, tuple) else automatic_range(self.field)
+        ends = asked if isinstance(asked, tuple) else automatic_range(self.field, self.scene.palette)
         return Palette.of_name(self.scene.palette, *ends).over_range(self.scene.bar)
 
     @property

@@ -6,16 +6,19 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from elvis.core.arrays import Floats, frozen_floats
 from elvis.core.files.plain import check_plain
 from elvis.core.hints import perhaps
 from elvis.scene import ColorBar, Transfer, Vector
 from elvis.scene.errors import SceneError
+
+if TYPE_CHECKING:
+    from cmap import Colormap
 
 #: a function of many values at once
 Change: TypeAlias = Callable[[Floats], Floats]
@@ -51,7 +54,7 @@ class Palette:
     @staticmethod
     def of_name(name: str, low: float, high: float) -> Palette:
         """The colour map that the cmap catalogue, or FIRST, calls ``name``, or of an .xml file; SceneError else."""
-        if name in FIRST or name.lower().endswith(".xml"):
+        if _is_own(name):
             places = np.array(FIRST.get(name) or points_in(name))
             return Palette(_between(places[:, 0], places[:, 1:], (0.0, 1.0)), low, high)
         return Palette(_of_catalogue(name), low, high)
@@ -136,21 +139,36 @@ def levels(low: float, high: float, count: int, *, is_round: bool = False) -> Fl
 
 
 @lru_cache(maxsize=64)
+def is_diverging(name: str) -> bool:
+    """Whether a colour map has two sides with a neutral colour between them, as the catalogue says."""
+    return not _is_own(name) and str(_in_catalogue(name).category) == "diverging"
+
+
+def _is_own(name: str) -> bool:
+    """Whether a name stands for a colour map of FIRST or of a file."""
+    return name in FIRST or name.lower().endswith(".xml")
+
+
+@lru_cache(maxsize=64)
 def _of_catalogue(name: str) -> Floats:
     """(STEPS, 3) the colours of a map of the cmap catalogue, which takes its time to make them."""
+    return frozen_floats(_in_catalogue(name).lut(STEPS)[:, :3])
+
+
+def _in_catalogue(name: str) -> Colormap:
+    """A map of the cmap catalogue; SceneError where it has none of this name."""
     import cmap
 
     # a plain name stands for matplotlib's map where several collections have one
     logging.getLogger("cmap").setLevel(logging.ERROR)
     try:
-        colormap = cmap.Colormap(ALIASES.get(name, name))
+        return cmap.Colormap(ALIASES.get(name, name))
     except (ValueError, TypeError) as error:
         meant = perhaps(name, [*cmap.Colormap.catalog(), *FIRST, *ALIASES])
         known = ", ".join(("viridis", "magma", "turbo", "coolwarm", "RdBu_r", "gray", *FIRST, *ALIASES))
         raise SceneError(
             f"unknown colour map {name!r}{meant}: expected an .xml file or a name of the cmap catalogue, e.g. {known}"
         ) from error
-    return frozen_floats(colormap.lut(STEPS)[:, :3])
 
 
 def linear_part(bar: ColorBar, low: float, high: float) -> float:
@@ -222,18 +240,23 @@ def points_in(file: str) -> list[tuple[float, ...]]:
     return [tuple(map(float, point)) for point in points]
 
 
-def automatic_range(values: Floats) -> tuple[float, float]:
+def automatic_range(values: ArrayLike, palette: str | None = None) -> tuple[float, float]:
     """Minimum and maximum finite value; (0, 1) without finite values; for a constant, 50 % below and above it.
 
     Values that differ only by rounding, by less than CONSTANT of their size, count as constant.
+
+    palette  name of a colour map; the range of a diverging one has zero in its middle if values lie on both sides of it
     """
-    finite = values[np.isfinite(values)]
+    every = np.asarray(values, np.float64)
+    finite = every[np.isfinite(every)]
     if not len(finite):
         return 0.0, 1.0
     low, high = float(finite.min()), float(finite.max())
     size = max(abs(low), abs(high))
     if is_constant(low, high):
         return low - (0.5 * size or 1.0), high + (0.5 * size or 1.0)
+    if palette is not None and low < 0.0 < high and is_diverging(palette):
+        return -size, size
     return low, high
 
 

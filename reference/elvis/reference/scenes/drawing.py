@@ -55,7 +55,7 @@ from elvis.scene.palette import Palette, automatic_range
 from elvis.scene.view import View
 
 #: ends of the colour range of each quantity
-Ranges = dict[str, tuple[float, float]]
+Ranges = dict[tuple[str, str], tuple[float, float]]
 
 #: maximum number of surfaces of one object along a ray, and share of the light below which it is not followed
 _DEEPEST, _FAINT = 64, 1e-3
@@ -210,7 +210,7 @@ class Scenery:
             seen += self._surfaces(shown, hits, scene, view, ranges, own, streaks)
         cuts = [surface.hits.depth for surface in seen]
         fragments, unknown = self._volume_fragments(scene, view, cuts, ranges)
-        ends = ranges.get(scene.field) or _ends(scene)
+        ends = ranges.get((scene.field, scene.palette)) or _ends(scene)
         made = record(seen, scene, view, ends, fragments)
         status = made.status.astype(np.uint8)
         status[doubt.reshape(status.shape) & (made.element < 0)] = Status.AMBIGUOUS
@@ -239,7 +239,8 @@ class Scenery:
         self._check_solid("volumes")
         names = [item.quantity or scene.field for item in shown]
         media = [
-            (name, colored(item.transfer, scene, ranges.get(name))) for name, item in zip(names, shown, strict=True)
+            (name, colored(item.transfer, scene, ranges.get((name, scene.palette))))
+            for name, item in zip(names, shown, strict=True)
         ]
         begun, patches = beginnings(lambda: self.locator, view, self.box), self.quantities.patches
         every = [segments_through(number, patch, view, self.size, begun) for number, patch in enumerate(patches)]
@@ -261,15 +262,20 @@ class Scenery:
         return list(found.in_order(view, self.quantities, sorted(names), _most(style)))
 
     def _ranges(self, stacks: Sequence[tuple[SceneObject, list[Hits]]], scene: Scene) -> Ranges:
-        """Ends of each quantity's colour range: two values of the scene for its field, otherwise visible values."""
+        """Ends of the range of each quantity and map: two values of the scene for its field, else the visible ones."""
         seen: dict[str, list[Floats]] = {}
         for _, stack in stacks:
             for hits in stack:
                 for name, values in hits.values.items():
                     seen.setdefault(name, []).append(values)
-        ranges = {name: automatic_range(np.concatenate(values)) for name, values in seen.items()}
+        palettes = {scene.palette, *(_style(shown).palette or scene.palette for shown, _ in stacks)}
+        ranges = {
+            (name, palette): automatic_range(np.concatenate(values), palette)
+            for name, values in seen.items()
+            for palette in palettes
+        }
         if isinstance(scene.range, tuple):
-            ranges[scene.field] = scene.range
+            ranges |= {(scene.field, palette): scene.range for palette in palettes}
         return ranges
 
     def _contours(
@@ -287,7 +293,7 @@ class Scenery:
             style, coverage, certain = _style(shown), None, np.zeros(view.count, bool)
             if style.contours and isinstance(shown, CutSurface) and isinstance(shown.surface, Plane):
                 name = style.contours.quantity or style.quantity or scene.field
-                asked = replace(style, range=style.range or ranges.get(style.quantity or scene.field))
+                asked = replace(style, range=style.range or ranges.get(_coloured(style, scene)))
                 values = contour_values(asked, (0.0, 1.0))
                 known = plane_contours(self.quantities, name, values, style.contours.width, shown.surface, view)
                 coverage, certain = known or (coverage, certain)
@@ -329,13 +335,18 @@ class Scenery:
         quantity = style.quantity or scene.field
         is_line = isinstance(shown, Streamlines) and shown.width is not None
         lit = is_lit(style, not (is_line or isinstance(shown, CutSurface)))
-        style = replace(style, range=style.range or ranges.get(quantity))
-        ends = ranges.get(quantity, (0.0, 1.0))
+        style = replace(style, range=style.range or ranges.get(_coloured(style, scene)))
+        ends = ranges.get(_coloured(style, scene), (0.0, 1.0))
         return [
             SurfaceHits(hits, style, quantity, lit, lines(hits, style, quantity, view, ends, contours), tones)
             for hits, tones in zip_longest(stack, streaks)
             if hits is not None
         ]
+
+
+def _coloured(style: Style, scene: Scene) -> tuple[str, str]:
+    """The quantity that colours an object, and its colour map."""
+    return style.quantity or scene.field, style.palette or scene.palette
 
 
 def _ends(scene: Scene) -> tuple[float, float]:
