@@ -179,7 +179,7 @@ def test_wrong_keywords_get_hints(cube, name, told):
         ({"plane": ((0, 0), (0, 0, 1))}, "plane: expected POINT:NORMAL"),
         ({"plane": "0,0:1"}, "plane: expected"),
         ({"plane": (POINT, (0, 0, 0))}, "must be a direction"),
-        ({"contours": True}, "contours: expected N|V,V[:round][:labels]"),
+        ({"contours": True}, "contours: expected N|V,V[:…]"),
         ({"contours": "many"}, "contours: expected numbers"),
         ({"camera": "Top"}, "found 'Top' (perhaps top)"),
         ({"camera": 3}, "camera: expected VIEW"),

@@ -46,7 +46,7 @@ class SharedKeywords(TypedDict, total=False):
     """Ends of the colour map: two values, visible (in the picture), all (certified bounds) or series (over all
     steps)."""
     bar: ColorBar | str | Mapping[str, Any] | None
-    """Colour bar: title=TEXT, unit=TEXT, scale=linear|log|symlog, linear=V, bands=N, ticks=V V,
+    """Colour bar: title=TEXT, unit=TEXT, scale=linear|log|symlog, bands=N, ticks=V V,
     position=right|left|top|bottom|none."""
     background: ArrayLike | None
     """Background colour; a fourth number is its opacity, 0 for a transparent background."""

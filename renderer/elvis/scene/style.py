@@ -136,7 +136,7 @@ class Style(Model):
         Setting(
             "Lines of equal value on the surface.",
             option="--contours",
-            metavar="N|V,V[:round][:labels]",
+            metavar="N|V,V[:…]",
             parse="contours",
             option_help="N contour lines, or given values; :round values, at most N; :labels shows values.",
         ),

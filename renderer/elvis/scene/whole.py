@@ -302,7 +302,7 @@ class Scene(Model):
             option="--bar",
             metavar="KEY=VALUE,...",
             parse="bar",
-            option_help="Colour bar: title=TEXT, unit=TEXT, scale=linear|log|symlog, linear=V, bands=N, "
+            option_help="Colour bar: title=TEXT, unit=TEXT, scale=linear|log|symlog, bands=N, "
             "ticks=V V, position=right|left|top|bottom|none.",
         ),
     ] = None

@@ -13,7 +13,7 @@ from elvis.core.arguments import FIELDS_DECLARATION, TextType
 #: whether the help lists all options, in the meta data of a context
 ALL_OPTIONS = "elvis.all_options"
 #: lines of the examples in the short help
-SHORT_EXAMPLES = 9
+SHORT_EXAMPLES = 8
 #: what a figure has around and over its pixels, by keys of a scene
 FIGURE = ("title", "axes", "scale_bar", "box", "outline", "font", "font_size", "dpi", "texts", "image", "panels")
 OUTPUT = click.Path(path_type=Path, dir_okay=False)
