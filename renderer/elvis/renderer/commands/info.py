@@ -62,7 +62,7 @@ _OF_THE_WHOLE = ("resolution", "quality", "waves")
 @click.option(
     "--strict",
     is_flag=True,
-    help="Check the rules that other programs impose on the format; fail if a required rule is broken.",
+    help="Check the rules that others impose on the format; fail if a required one is broken.",
 )
 @click.option("--jacobian", is_flag=True, help="Prove that the Jacobian is positive everywhere; fail if it isn't.")
 @click.option(
