@@ -63,6 +63,14 @@ def keep_memory():
     os.environ.setdefault("MALLOC_MMAP_THRESHOLD_", str(1 << 28))
 
 
+def give_back_memory():
+    """Return to the system what tests have freed, which `keep_memory` keeps."""
+    from elvis.core.memory import release_free_memory
+
+    gc.collect()
+    release_free_memory()
+
+
 def wait_longer():
     """Let sleeps be a millisecond longer, also those of processes that are started.
 
@@ -212,8 +220,9 @@ def started():
 
 #: devices by name, and renderers on them, that stay open from test to test
 OPENED, RENDERERS = {}, {}
-#: bytes of a process from which open devices are closed, with all that they hold of kernels
-MOST_RESIDENT = 1 << 30
+#: bytes of a process from which what is free is given back to the system, and from which open devices are closed, with
+#: all that they hold of kernels
+MUCH_RESIDENT, MOST_RESIDENT = 3 << 28, 1 << 30
 
 
 #: bytes of compiled kernels that tests keep, and of the modules that these are compiled of
@@ -264,11 +273,14 @@ def resident():
 
 @pytest.hookimpl(hookwrapper=True)
 def pytest_runtest_teardown(item, nextitem):
-    """Between modules, whose fixtures may hold devices: kernels of all tests would take gigabytes."""
+    """Between modules, whose fixtures may hold devices: what tests have freed, and kernels, would take gigabytes."""
     yield
-    if OPENED and nextitem is not None and nextitem.path != item.path and resident() > MOST_RESIDENT:
+    if nextitem is None or nextitem.path == item.path or resident() < MUCH_RESIDENT:
+        return
+    give_back_memory()
+    if OPENED and resident() > MOST_RESIDENT:
         close_devices()
-        gc.collect()
+        give_back_memory()
 
 
 @pytest.fixture(scope="session")

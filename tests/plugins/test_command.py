@@ -205,6 +205,19 @@ def test_an_interrupt_leaves_no_scratch_folder(interrupted, tmp_path, monkeypatc
     assert not list(tmp_path.iterdir())
 
 
+def test_an_interrupt_that_comes_when_the_block_ends_is_no_traceback(monkeypatch):
+    set_handler = signal.signal
+
+    def interrupted_first(*arguments):
+        monkeypatch.undo()
+        signal.raise_signal(signal.SIGINT)
+        return set_handler(*arguments)
+
+    with Interrupts(is_process=False) as interrupts:
+        monkeypatch.setattr(signal, "signal", interrupted_first)
+    assert interrupts.asked
+
+
 def test_an_ignored_interrupt_remains_ignored():
     """As in the background of a script."""
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -11,7 +11,7 @@ INTERRUPTED = 130
 #: seconds after which an interrupt that came at a bad moment is tried again
 _LATER = 0.02
 #: starts of names of modules whose functions are not interrupted
-_FRAGILE = ("multiprocessing.popen", "elvis.core.files.scratch")
+_FRAGILE = ("multiprocessing.popen", "elvis.core.files.scratch", __name__)
 
 
 class Interrupts:
