@@ -331,6 +331,14 @@ def test_titles_with_broken_mathematics_are_rejected(draw, plane, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_values_without_lines_have_no_labels(draw, plane, tmp_path):
+    """As in the range of a diverging map, which may go beyond the values; 0.5 is on its line and next to the bar."""
+    style = Style(contours=Contours(values=(0.5, 99.0), labels=True))
+    draw(plane, size=(300, 240), objects=(Faces(style=style),), outputs=("a.svg",)).save(tmp_path / "a.svg")
+    text = (tmp_path / "a.svg").read_text(encoding="utf-8")
+    assert re.findall(">(0.5|99)</text>", text) == ["0.5", "0.5"]
+
+
 def test_panels_are_in_rows_with_one_colour_bar(draw, plane, tmp_path):
     frames = [draw(plane, size=(30, 20), panels=(2, 2), range=(0.0, 2.0), title=name) for name in "abc"]
     save_panels(frames, tmp_path / "a.svg")

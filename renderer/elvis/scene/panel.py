@@ -81,10 +81,13 @@ class Panel:
             curves = [line for line in stroke.lines if len(line) > 1]
             dots = np.array([line[0] for line in stroke.lines if len(line) == 1]).reshape(-1, 2)
             self.axes.scatter(*dots.T, s=width**2, color=stroke.color, lw=0, alpha=stroke.opacity, zorder=LINES)
+            # values beyond those that are visible have no lines, as in the wider range of a diverging map
+            if not curves:
+                continue
             look: dict[str, Any] = {"colors": [stroke.color], "linewidths": width, "alpha": stroke.opacity}
             made = ContourSet(self.axes, [stroke.value or 0.0], [curves], linestyles="solid", zorder=LINES, **look)
             made.set_capstyle("round")
-            if stroke.labels and stroke.value is not None and curves:
+            if stroke.labels and stroke.value is not None:
                 size, text = 0.8 * self.page.points, {stroke.value: texts[stroke.value]}
                 for label in made.clabel(fontsize=size, fmt=text, inline=True, inline_spacing=2):
                     label.set_zorder(TEXTS)
