@@ -81,7 +81,7 @@ class Panel:
             curves = [line for line in stroke.lines if len(line) > 1]
             dots = np.array([line[0] for line in stroke.lines if len(line) == 1]).reshape(-1, 2)
             self.axes.scatter(*dots.T, s=width**2, color=stroke.color, lw=0, alpha=stroke.opacity, zorder=LINES)
-            # values beyond those that are visible have no lines, as in the wider range of a diverging map
+            # a value that the field has only where it is greatest has dots alone
             if not curves:
                 continue
             look: dict[str, Any] = {"colors": [stroke.color], "linewidths": width, "alpha": stroke.opacity}
