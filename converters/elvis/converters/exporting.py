@@ -8,8 +8,9 @@ polynomials.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
@@ -21,9 +22,9 @@ from elvis.core.patch import Patch, patches
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.evaluation import evaluate
-from elvis.core.shapes import Shape
+from elvis.core.shapes import TENSOR, Shape
 from elvis.core.terminal import plain_names
-from elvis.plugins.exporting import Loss
+from elvis.plugins.exporting import Exporter, Loss
 from elvis.plugins.nodal import nearest_nodes
 from elvis.plugins.report import CONVERTED, REPORT
 
@@ -65,6 +66,32 @@ class Target(ABC):
     @abstractmethod
     def table(self, cell: Cell, points: Floats) -> Floats:
         """(n, k) values of the functions of a cell's nodes at points (n, d), in the coordinates of its shape."""
+
+
+class BoxTarget(Target):
+    """Points on the box of collapsed coordinates of every shape; functions are products of one in each direction."""
+
+    highest, highest_pyramid, highest_prism = 30, 0, 0
+
+    def shape(self, shape: Shape) -> Shape:
+        """The box of each dimension."""
+        return TENSOR[shape.dimension - 1]
+
+    def directions(self, dimension: int) -> Iterable[int]:
+        """The directions from the slowest to the fastest in the order of points."""
+        return range(dimension)
+
+    @abstractmethod
+    def along_line(self, order: int, places: Floats) -> Floats:
+        """(n, order + 1) the functions of one direction at places (n,) in [-1, 1]."""
+
+    def table(self, cell: Cell, points: Floats) -> Floats:
+        """Products of the functions of all directions."""
+        table = np.ones((len(points), 1))
+        for axis in self.directions(cell.shape.dimension):
+            own = self.along_line(cell.order, points[:, axis])
+            table = (table[:, :, None] * own[:, None, :]).reshape(len(points), -1)
+        return table
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,6 +146,29 @@ def title(composite: Composite, mesh: Mesh) -> str:
     shapes = [shape for shape in Shape.of_dimension(mesh.dimension) if shape.tag in dict(composite.parts)]
     kind = shapes[0].label.lower() if shapes else "boundary"
     return composite.name or composite.label or f"{kind} {composite.id}"
+
+
+def exporter_of(
+    target: Callable[[], Target], write: Callable[[Path, Export, Dataset], object], *, has_time: bool = True
+) -> Exporter:
+    """An exporter: the dataset becomes cells of a target, the losses are reported, ``write`` makes the file.
+
+    has_time  whether the file contains the time
+    """
+
+    def export(
+        dataset: Dataset,
+        names: Sequence[str] | None,
+        order: int | None,
+        path: Path,
+        report: Callable[[Sequence[Loss]], object],
+    ) -> list[str]:
+        found = exported(dataset, names, order, target())
+        report(found.losses)
+        write(path, found, dataset)
+        return left_out(dataset, has_time=has_time)
+
+    return export
 
 
 def left_out(dataset: Dataset, written: Collection[str] = (), *, has_time: bool = True) -> list[str]:

@@ -16,7 +16,7 @@ from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.quadrature import gauss
-from elvis.core.shapes import Shape
+from elvis.core.shapes import TENSOR, Shape
 from elvis.plugins.conversion import PyramidSpace
 from elvis.plugins.nodal import ShapeFunctions, affine_image, native_points, space_values, tensor_nodes
 
@@ -121,7 +121,7 @@ class Functions(ShapeFunctions):
     ) -> Functions | None:
         """Fit functions given by their values at points (n, 3); None if they are in no space of these orders."""
         for order in orders:
-            eta = tensor_nodes(_BOXES[shape.dimension], tuple(gauss(order + 2)[0].tolist()))
+            eta = tensor_nodes(TENSOR[shape.dimension - 1], tuple(gauss(order + 2)[0].tolist()))
             own = uncollapse(shape, eta)
             points = np.zeros((len(own), 3))
             points[:, : shape.dimension] = affine_image(own, shape.vertices, frame)
@@ -140,9 +140,6 @@ class Functions(ShapeFunctions):
         nodes = native_points(kind.shape, kind.frame, kind.nodes[: len(kind.corners)])
         table = space_values(kind.shape, 1, nodes, PyramidSpace.RATIONAL)
         return cls(kind.shape, 1, kind.frame, np.asarray(np.linalg.inv(table), np.float64))
-
-
-_BOXES = {1: Shape.SEGMENT, 2: Shape.QUADRILATERAL, 3: Shape.HEXAHEDRON}
 
 
 def read_mesh(contents: Contents) -> Mesh:

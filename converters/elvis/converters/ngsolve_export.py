@@ -26,7 +26,7 @@ from elvis.core.files.output import replacing
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.quadrature import gauss, lobatto
 from elvis.core.relative import error_limit
-from elvis.core.shapes import Shape
+from elvis.core.shapes import TENSOR, Shape
 from elvis.plugins.conversion import PyramidSpace
 from elvis.plugins.nodal import affine_image, space_size, space_values, tensor_nodes
 from elvis.plugins.projection.checking import check_points
@@ -299,8 +299,7 @@ def _rule(shape: Shape, order: int) -> Floats:
     """
     is_cube = len(shape.vertices) == 2**shape.dimension
     line = lobatto(order + 1)[0] if is_cube else gauss(order + 3)[0]
-    box = (Shape.SEGMENT, Shape.QUADRILATERAL, Shape.HEXAHEDRON)[shape.dimension - 1]
-    last_fastest = tensor_nodes(box, tuple(line.tolist()))[:, ::-1]
+    last_fastest = tensor_nodes(TENSOR[shape.dimension - 1], tuple(line.tolist()))[:, ::-1]
     many = uncollapse(shape, last_fastest)
     chosen = list(range(len(many))) if is_cube else _pivots(shape, order, many)
     return frozen_floats(affine_image(many[chosen], shape.vertices, UNIT[shape].frame))

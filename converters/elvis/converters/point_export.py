@@ -6,14 +6,13 @@ so that they determine the fields.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from elvis.converters.exporting import Cell, Export, Target, exported, left_out
-from elvis.converters.tecplot_export import BOXES
+from elvis.converters.exporting import BoxTarget, Cell, Export, exporter_of
 from elvis.core.arrays import Floats
 from elvis.core.dataset import Dataset
 from elvis.core.files.columns import write_columns
@@ -21,61 +20,35 @@ from elvis.core.files.output import replacing
 from elvis.core.integrals.reference_cells import box_rule
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.shapes import Shape
-from elvis.plugins.exporting import Loss
 
 
-class PointTarget(Target):
+class PointTarget(BoxTarget):
     """Gauss points in collapsed coordinates, and the polynomials through values there."""
-
-    highest, highest_pyramid, highest_prism = 30, 0, 0
-
-    def shape(self, shape: Shape) -> Shape:
-        """The box of each dimension."""
-        return BOXES[shape.dimension]
 
     def cell(self, shape: Shape, order: int) -> Cell:
         """The points of a product of Gauss rules."""
         return Cell(shape, order, 0, box_rule((order + 1,) * shape.dimension)[0])
 
-    def table(self, cell: Cell, points: Floats) -> Floats:
-        """Products of Lagrange's functions."""
-        nodes = gauss(cell.order + 1)[0]
-        inverse = np.linalg.inv(np.polynomial.legendre.legvander(nodes, cell.order))
-        table = np.ones((len(points), 1))
-        for axis in range(cell.shape.dimension):
-            own = np.polynomial.legendre.legvander(points[:, axis], cell.order) @ inverse
-            table = (table[:, :, None] * own[:, None, :]).reshape(len(points), -1)
-        return table
+    def along_line(self, order: int, places: Floats) -> Floats:
+        """Lagrange's functions."""
+        nodes = gauss(order + 1)[0]
+        inverse = np.linalg.inv(np.polynomial.legendre.legvander(nodes, order))
+        return np.asarray(np.polynomial.legendre.legvander(places, order) @ inverse)
 
 
-def export_csv(
-    dataset: Dataset,
-    names: Sequence[str] | None,
-    order: int | None,
-    path: Path,
-    report: Callable[[Sequence[Loss]], object],
-) -> list[str]:
-    """The exporter of .csv files (see `elvis.plugins.exporting.Exporter`)."""
-    found = exported(dataset, names, order, PointTarget())
-    report(found.losses)
-    ids = [np.repeat(piece.patch.element_ids, len(piece.cell.nodes)) for piece in found.pieces]
-    write_columns(path, {**_columns(found, 3), "element": np.concatenate(ids)})
-    return left_out(dataset, has_time=False)
+def _write_csv(path: Path, export: Export, dataset: Dataset) -> None:
+    ids = [np.repeat(piece.patch.element_ids, len(piece.cell.nodes)) for piece in export.pieces]
+    write_columns(path, {**_columns(export, 3), "element": np.concatenate(ids)})
 
 
-def export_pts(
-    dataset: Dataset,
-    names: Sequence[str] | None,
-    order: int | None,
-    path: Path,
-    report: Callable[[Sequence[Loss]], object],
-) -> list[str]:
-    """The exporter of .pts files (see `elvis.plugins.exporting.Exporter`)."""
-    found = exported(dataset, names, order, PointTarget())
-    report(found.losses)
+def _write_pts(path: Path, export: Export, dataset: Dataset) -> None:
     with replacing(path) as temporary, temporary.open("w", encoding="utf-8") as file:
-        file.writelines(_pts_lines(_columns(found, dataset.mesh.space), dataset.mesh.space))
-    return left_out(dataset, has_time=False)
+        file.writelines(_pts_lines(_columns(export, dataset.mesh.space), dataset.mesh.space))
+
+
+#: the exporters of .csv and .pts files
+export_csv = exporter_of(PointTarget, _write_csv, has_time=False)
+export_pts = exporter_of(PointTarget, _write_pts, has_time=False)
 
 
 def _columns(export: Export, space: int) -> dict[str, Floats]:

@@ -8,24 +8,21 @@ measured.  (Tecplot 360 Data Format Guide, "ASCII data" and "binary data file fo
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 
-from elvis.converters.exporting import Cell, Export, Piece, Target, exported, left_out
+from elvis.converters.exporting import BoxTarget, Cell, Export, Piece, exporter_of
 from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.files.output import replacing
 from elvis.core.shapes import Shape
-from elvis.plugins.exporting import Loss
 
 #: name and number of the zones of each dimension
 _ZONES = {1: ("FELINESEG", 1), 2: ("FEQUADRILATERAL", 3), 3: ("FEBRICK", 5)}
-#: shapes whose reference coordinates are the collapsed coordinates of all shapes of their dimension
-BOXES = {1: Shape.SEGMENT, 2: Shape.QUADRILATERAL, 3: Shape.HEXAHEDRON}
 
 #: markers of a zone, and of the end of the header
 _ZONE_MARKER, _END_OF_HEADER = 299.0, 357.0
@@ -35,14 +32,8 @@ _DOUBLE = 2
 _IN_A_LINE = 500
 
 
-class TecplotTarget(Target):
+class TecplotTarget(BoxTarget):
     """Lattices of linear cells between evenly spaced collapsed coordinates; the order is the number of cells a side."""
-
-    highest, highest_pyramid, highest_prism = 30, 0, 0
-
-    def shape(self, shape: Shape) -> Shape:
-        """The box of each dimension."""
-        return BOXES[shape.dimension]
 
     def cell(self, shape: Shape, order: int) -> Cell:
         """The points of the lattice, the first coordinate fastest."""
@@ -50,14 +41,14 @@ class TecplotTarget(Target):
         nodes = np.stack(np.meshgrid(*[line] * shape.dimension, indexing="ij"), axis=-1).reshape(-1, shape.dimension)
         return Cell(shape, order, _ZONES[shape.dimension][1], nodes[:, ::-1])
 
-    def table(self, cell: Cell, points: Floats) -> Floats:
-        """Piecewise multilinear functions."""
-        table = np.ones((len(points), 1))
-        for axis in reversed(range(cell.shape.dimension)):
-            place = (points[:, axis] + 1) / 2 * cell.order
-            hats = np.maximum(0.0, 1 - np.abs(place[:, None] - np.arange(cell.order + 1)))
-            table = (table[:, :, None] * hats[:, None, :]).reshape(len(points), -1)
-        return table
+    def directions(self, dimension: int) -> Iterator[int]:
+        """The last direction is the slowest one."""
+        return reversed(range(dimension))
+
+    def along_line(self, order: int, places: Floats) -> Floats:
+        """Piecewise linear functions."""
+        steps = (places + 1) / 2 * order
+        return np.asarray(np.maximum(0.0, 1 - np.abs(steps[:, None] - np.arange(order + 1))))
 
 
 def lattice_cells(dimension: int, order: int) -> Ints:
@@ -88,34 +79,19 @@ class _Zone:
         return len(first)
 
 
-def export_dat(
-    dataset: Dataset,
-    names: Sequence[str] | None,
-    order: int | None,
-    path: Path,
-    report: Callable[[Sequence[Loss]], object],
-) -> list[str]:
-    """The exporter of .dat files (see `elvis.plugins.exporting.Exporter`)."""
-    found = exported(dataset, names, order, TecplotTarget())
-    report(found.losses)
+def _write_dat(path: Path, export: Export, dataset: Dataset) -> None:
     with replacing(path) as temporary, temporary.open("w", encoding="utf-8") as file:
-        file.writelines(_text(_variables(found, dataset), _zones(found, dataset), dataset.time))
-    return left_out(dataset)
+        file.writelines(_text(_variables(export, dataset), _zones(export, dataset), dataset.time))
 
 
-def export_plt(
-    dataset: Dataset,
-    names: Sequence[str] | None,
-    order: int | None,
-    path: Path,
-    report: Callable[[Sequence[Loss]], object],
-) -> list[str]:
-    """The exporter of .plt files (see `elvis.plugins.exporting.Exporter`)."""
-    found = exported(dataset, names, order, TecplotTarget())
-    report(found.losses)
+def _write_plt(path: Path, export: Export, dataset: Dataset) -> None:
     with replacing(path) as temporary, temporary.open("wb") as file:
-        file.writelines(_binary(_variables(found, dataset), _zones(found, dataset), dataset.time))
-    return left_out(dataset)
+        file.writelines(_binary(_variables(export, dataset), _zones(export, dataset), dataset.time))
+
+
+#: the exporters of .dat and .plt files
+export_dat = exporter_of(TecplotTarget, _write_dat)
+export_plt = exporter_of(TecplotTarget, _write_plt)
 
 
 def _variables(export: Export, dataset: Dataset) -> list[str]:

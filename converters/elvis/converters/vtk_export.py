@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape
 
 import numpy as np
 
-from elvis.converters.exporting import Cell, Export, Piece, Target, exported, left_out
+from elvis.converters.exporting import Cell, Export, Piece, Target, exporter_of
 from elvis.converters.vtk_cells import LAGRANGE, Kind
 from elvis.converters.vtk_cells import Cell as VtkCell
 from elvis.core.arrays import Floats
-from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.files.output import write_text
 from elvis.core.shapes import Shape
-from elvis.plugins.exporting import Loss, require
+from elvis.plugins.exporting import require
 from elvis.plugins.nodal import affine_image, space_size
 
 _TYPES = {shape: number for number, shape in LAGRANGE.items()}
@@ -53,21 +51,6 @@ class VtkTarget(Target):
         return self._known[shape, order]
 
 
-def export_vtu(
-    dataset: Dataset,
-    names: Sequence[str] | None,
-    order: int | None,
-    path: Path,
-    report: Callable[[Sequence[Loss]], object],
-) -> list[str]:
-    """The exporter of .vtu files (see `elvis.plugins.exporting.Exporter`)."""
-    require("vtkmodules", "vtk")
-    found = exported(dataset, names, order, VtkTarget())
-    report(found.losses)
-    write_vtu(path, found, dataset.time)
-    return left_out(dataset)
-
-
 def write_vtu(path: Path, export: Export, time: float | None) -> None:
     """A .vtu file, binary and compressed; elements without a field have no number there."""
     from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
@@ -84,6 +67,16 @@ def write_vtu(path: Path, export: Export, time: float | None) -> None:
     if not writer.Write():
         raise ElvisError(f"{path}: cannot be written: VTK fails to create the file")
     write_text(path, writer.GetOutputString())
+
+
+def _target() -> VtkTarget:
+    """The cells; ElvisError without the library."""
+    require("vtkmodules", "vtk")
+    return VtkTarget()
+
+
+#: the exporter of .vtu files
+export_vtu = exporter_of(_target, lambda path, export, dataset: write_vtu(path, export, dataset.time))
 
 
 def grid_of(export: Export, time: float | None) -> Any:

@@ -17,7 +17,7 @@ from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.hints import perhaps
 from elvis.core.polynomials.quadrature import lobatto
-from elvis.core.shapes import Shape
+from elvis.core.shapes import TENSOR, Shape
 from elvis.core.terminal import one_line
 from elvis.core.texts import check_name
 from elvis.plugins.conversion import Elements
@@ -36,7 +36,6 @@ from elvis.plugins.nodal import (
 _HIGHEST = 30
 #: shapes by the names that messages have for them
 _SHAPES = {shape.label.lower(): shape for shape in Shape}
-_BOXES = (Shape.SEGMENT, Shape.QUADRILATERAL, Shape.HEXAHEDRON)
 
 
 def from_arrays(
@@ -151,7 +150,7 @@ def _nodes(name: str, shape: Shape, order: int, count: int, reference: Any) -> F
         if found.shape != (count, shape.dimension):
             raise ElvisError(f"reference of {name}: expected {(count, shape.dimension)} numbers, found {found.shape}")
         return found
-    if shape in _BOXES:
+    if shape in TENSOR:
         return tensor_nodes(shape, tuple(lobatto(order + 1)[0].tolist()))
     if order == 1:
         return np.asarray(shape.vertices, np.float64)

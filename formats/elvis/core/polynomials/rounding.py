@@ -16,7 +16,7 @@ import numpy as np
 from elvis.core.arrays import Floats
 from elvis.core.dataset import Expansion
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients
-from elvis.core.shapes import Shape
+from elvis.core.shapes import TENSOR, Shape
 
 #: unit roundoff of 64-bit floats
 UNIT = 2.0**-53
@@ -40,7 +40,7 @@ def coefficient_rounding(
     One more covers the rounding of the magnitudes.
     """
     summed = bernstein_coefficients(expansion, modal, space, magnitudes=True).max(axis=-1, initial=0.0)
-    is_tensor = expansion.shape in (Shape.SEGMENT, Shape.QUADRILATERAL, Shape.HEXAHEDRON)
+    is_tensor = expansion.shape in TENSOR
     terms = sum(expansion.modes) if is_tensor else modal.shape[-1]
     return np.asarray(gamma(terms + 4 * expansion.shape.dimension + 1, unit) * summed)
 
