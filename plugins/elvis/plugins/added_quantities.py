@@ -35,7 +35,7 @@ from elvis.plugins.common_blocks import on_common_blocks
 from elvis.plugins.conversion import Elements, PyramidSpace, SourceField
 from elvis.plugins.converting import Settings
 from elvis.plugins.field_passes import DatasetSource, FieldPass, blocks_of
-from elvis.plugins.fourier_slabs import has_waves
+from elvis.plugins.fourier_planes import has_waves
 from elvis.plugins.projection.adaptivity import ORDERS_BEYOND
 from elvis.plugins.projection.fitting import FieldFit
 from elvis.plugins.projection.verification import Tally

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.arrays import Floats
 from elvis.core.conversion_errors import ConversionErrors
-from elvis.core.dataset import MAP_KEY, Block, Dataset, Field, Homogeneous
+from elvis.core.dataset import MAP_KEY, Dataset, Field, Homogeneous
 from elvis.core.errors import ElvisError
 from elvis.core.integrals.reference_cells import side_corners
 from elvis.core.mapping.orientation import local_vertices
@@ -24,7 +24,7 @@ from elvis.core.triangles.boundary_triangles import boundary_pieces
 from elvis.plugins.added_quantities import parse_quantities
 from elvis.plugins.conversion import Converter, Elements, SourceField
 from elvis.plugins.converting import Conversion, Settings, convert
-from elvis.plugins.fourier_planes import common_waves, fourier_coefficients
+from elvis.plugins.fourier_planes import common_waves, fourier_coefficients, has_waves, stacked_planes
 from elvis.plugins.report import CONVERTED, REPORT
 
 #: by how much of a side points on its edges are moved inwards, so that the nearest side of the element is this one
@@ -56,8 +56,7 @@ def convert_boundary(
 
     fields  names of remaining fields; None for all
     """
-    waves = {block.expansion.homogeneous for own in dataset.fields for block in own.blocks} - {None}
-    if waves and not quantities:
+    if has_waves(dataset) and not quantities:
         return _convert_planes(dataset, boundary, fields)
     return convert(BoundarySource(dataset, boundary, quantities, fields), Settings(), (boundary,))
 
@@ -82,12 +81,8 @@ def _convert_planes(dataset: Dataset, boundary: str, fields: Sequence[str] | Non
 
 def _stacked(waves: Homogeneous, *planes: Field) -> Field:
     """A field with a Fourier direction from its planes of coefficients."""
-    blocks = []
-    for own in zip(*(field.blocks for field in planes), strict=True):
-        expansion = replace(own[0].expansion, homogeneous=waves)
-        coefficients = np.hstack([block.coefficients for block in own])
-        blocks.append(Block(expansion, own[0].element_ids, frozen_floats(coefficients)))
-    return replace(planes[0], blocks=tuple(blocks), continuous=all(own.continuous for own in planes))
+    blocks = stacked_planes([own.blocks for own in planes], waves)
+    return replace(planes[0], blocks=blocks, continuous=all(own.continuous for own in planes))
 
 
 class BoundarySource(Converter):

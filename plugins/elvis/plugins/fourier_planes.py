@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import starmap
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from elvis.core.arrays import Floats, frozen_floats
 from elvis.core.dataset import Block, Dataset, Homogeneous
 from elvis.core.errors import ElvisError
 from elvis.core.integrals import integrate
+from elvis.core.patch import Patch
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.expansion import wave_values
 
@@ -49,6 +51,16 @@ def fourier_coefficients(dataset: Dataset, number: int) -> Dataset:
     """
     _check_plane(dataset, f"--plane {number}", number)
     return _plane(dataset, number)
+
+
+def stacked_planes(planes: Sequence[Sequence[Block]], waves: Homogeneous) -> tuple[Block, ...]:
+    """The blocks of a field in waves from those of its planes of coefficients, as `fourier_coefficients` gives them."""
+
+    def stacked(*own: Block) -> Block:
+        expansion = replace(own[0].expansion, homogeneous=waves)
+        return Block(expansion, own[0].element_ids, frozen_floats(np.hstack([block.coefficients for block in own])))
+
+    return tuple(starmap(stacked, zip(*planes, strict=True)))
 
 
 @dataclass(frozen=True)
@@ -90,6 +102,20 @@ def without_plane(dataset: Dataset, number: int) -> Dataset:
     _check_plane(dataset, f"--zero-plane {number}", number)
     found = _rewritten(dataset, lambda waves: (waves, np.diag((np.array(waves.z_ids) != number).astype(np.float64))))
     return replace(found, expansions=())
+
+
+def has_waves(dataset: Dataset) -> bool:
+    """Whether fields have Fourier directions."""
+    return any(block.expansion.homogeneous for own in dataset.solution for block in own.blocks)
+
+
+def only_waves(parts: Sequence[Patch], what: str) -> Homogeneous:
+    """The only Fourier direction of patches; ElvisError for others."""
+    waves = {own.homogeneous for own in parts}
+    first = next(iter(waves), None)
+    if len(waves) != 1 or first is None or len(first.lengths) != 1:
+        raise ElvisError(f"{what}: expected fields with one Fourier direction, found none or several")
+    return first
 
 
 def common_waves(dataset: Dataset, what: str) -> Homogeneous:

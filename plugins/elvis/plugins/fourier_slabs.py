@@ -22,6 +22,7 @@ from elvis.core.quantities.element_points import ElementPoints
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import Boundary, Converter, Elements, SourceField
 from elvis.plugins.converting import Conversion, Settings, convert
+from elvis.plugins.fourier_planes import only_waves
 
 #: the shape of slabs by that of elements
 _SLABS = {
@@ -33,11 +34,6 @@ _SLABS = {
 _GOAL = 1e-3
 #: slabs at most if their number isn't given
 _MOST = 512
-
-
-def has_waves(dataset: Dataset) -> bool:
-    """Whether fields have Fourier directions."""
-    return any(block.expansion.homogeneous for own in dataset.solution for block in own.blocks)
 
 
 def in_slabs(dataset: Dataset, slabs: int | None = None, order: int | None = None) -> Conversion:
@@ -65,14 +61,11 @@ class _Slabs(Converter):
     def __init__(self, dataset: Dataset, slabs: int | None, order: int | None) -> None:
         names = [own.name for own in dataset.solution]
         self._patches = patches(dataset, names)
-        waves = {own.homogeneous for own in self._patches}
-        first = next(iter(waves), None)
-        if len(waves) != 1 or first is None or len(first.lengths) != 1:
-            raise ElvisError("--extrude: expected fields with one Fourier direction, found none or several")
+        waves = only_waves(self._patches, "--extrude")
         held = [own for patch in self._patches for own in patch.fields if own is not None]
         in_plane = max(max(own.modes) - 1 for own in held)
         self.order = max(in_plane, 3) if order is None else order
-        self._slabs = _slab_count(first, self.order) if slabs is None else slabs
+        self._slabs = _slab_count(waves, self.order) if slabs is None else slabs
         if self._slabs < 1:
             raise ElvisError(f"--extrude: expected at least one slab, found {self._slabs}")
         self._vertices = len(dataset.mesh.vertices)

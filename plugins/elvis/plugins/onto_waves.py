@@ -9,11 +9,11 @@ from elvis.core.dataset import Dataset, Field, Homogeneous
 from elvis.core.errors import ElvisError
 from elvis.core.patch import patches
 from elvis.plugins.added_quantities import with_errors
-from elvis.plugins.fourier_planes import fourier_coefficients
-from elvis.plugins.fourier_slabs import has_waves, in_slabs
+from elvis.plugins.fourier_planes import fourier_coefficients, has_waves, only_waves, stacked_planes
+from elvis.plugins.fourier_slabs import in_slabs
 from elvis.plugins.onto_mesh import Integral, Transfer, onto_mesh
 from elvis.plugins.report import Measure
-from elvis.plugins.wave_quantities import joined_measure, stacked_planes
+from elvis.plugins.wave_quantities import joined_measure
 
 
 def onto_any_mesh(
@@ -58,7 +58,7 @@ def _by_planes(
 ) -> Transfer:
     """The projection of all planes of all fields, as fields of one projection."""
     names = [own.name for own in source.solution if fields is None or own.name in fields]
-    waves = _waves_of(source, names)
+    waves = only_waves(patches(source, names), "--onto")
     planes = [fourier_coefficients(source, number) for number in waves.z_ids]
     parts = [replace(own.field(name), name=f"{name} {k}") for name in names for k, own in enumerate(planes)]
     found = onto_mesh(replace(planes[0], fields=(*planes[0].map_fields, *parts)), target, order, outside)
@@ -75,20 +75,10 @@ def _by_planes(
     return replace(found, dataset=dataset, measures=measures, integrals=integrals)
 
 
-def _waves_of(source: Dataset, names: Sequence[str]) -> Homogeneous:
-    """The only Fourier direction of some fields; ElvisError for others."""
-    waves = {own.homogeneous for own in patches(source, names)}
-    first = next(iter(waves), None)
-    if len(waves) != 1 or first is None or len(first.lengths) != 1:
-        raise ElvisError("--onto: expected fields with one Fourier direction, found none or several")
-    return first
-
-
 def _joined_planes(found: Transfer, name: str, waves: Homogeneous) -> Field:
     """The field that consists of projected planes."""
     planes = [found.dataset.field(f"{name} {k}") for k in range(len(waves.z_ids))]
-    blocks = zip(*(own.blocks for own in planes), strict=True)
-    return Field(name, tuple(stacked_planes(each, waves) for each in blocks), False)
+    return Field(name, stacked_planes([own.blocks for own in planes], waves), False)
 
 
 def _joined_errors(found: Transfer, name: str) -> Measure:

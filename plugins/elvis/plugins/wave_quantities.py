@@ -12,8 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from elvis.core.arrays import Floats, frozen_floats
-from elvis.core.dataset import Block, Dataset, Field, Homogeneous
+from elvis.core.arrays import Floats
+from elvis.core.dataset import Dataset, Field
 from elvis.core.errors import ElvisError
 from elvis.core.polynomials.expansion import wave_values
 from elvis.core.quantities import Expression
@@ -22,7 +22,7 @@ from elvis.core.quantities.evaluator import Evaluator
 from elvis.plugins.conversion import Elements, SourceField
 from elvis.plugins.converting import Settings
 from elvis.plugins.field_passes import FieldPass, blocks_of
-from elvis.plugins.fourier_planes import fourier_coefficients
+from elvis.plugins.fourier_planes import fourier_coefficients, stacked_planes
 from elvis.plugins.other_mesh import OnMesh
 from elvis.plugins.report import Measure
 from elvis.plugins.reporting import measures_of_fields
@@ -49,17 +49,10 @@ def wave_fields(
     for number, name in enumerate(named):
         own = [each for each, field in zip(measures, source.fields, strict=True) if field.key[0] == number]
         planes = [blocks_of([work], each.name) for each in own]
-        field = Field(name, tuple(stacked_planes(parts, source.waves) for parts in zip(*planes, strict=True)))
+        field = Field(name, stacked_planes(planes, source.waves))
         left = source.beyond[number]
         found.append((field, joined_measure(name, own, left, source.ends[number]), left))
     return found
-
-
-def stacked_planes(planes: tuple[Block, ...], waves: Homogeneous) -> Block:
-    """The block of all planes, one after the other."""
-    expansion = replace(planes[0].expansion, homogeneous=waves)
-    coefficients = np.concatenate([own.coefficients for own in planes], axis=1)
-    return Block(expansion, planes[0].element_ids, frozen_floats(coefficients))
 
 
 def joined_measure(name: str, planes: list[Measure], left: float, ends: tuple[float, float]) -> Measure:

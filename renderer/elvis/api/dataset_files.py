@@ -9,7 +9,8 @@ from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.formats.writing import write as write_native
 from elvis.plugins.exporting import GROUP, exporter
-from elvis.plugins.fourier_slabs import has_waves, in_slabs
+from elvis.plugins.fourier_planes import has_waves
+from elvis.plugins.fourier_slabs import in_slabs
 from elvis.plugins.registry import plugins
 
 _PICTURE, _SURFACE, _TABLE = (

@@ -139,7 +139,8 @@ def export(
 def _with_chosen(chosen: ChosenFields, dataset: Dataset) -> Dataset:
     """A dataset with the chosen fields, in slabs if it has waves; prints remarks and the errors of these as notes."""
     from elvis.core.terminal import note
-    from elvis.plugins.fourier_slabs import has_waves, in_slabs
+    from elvis.plugins.fourier_planes import has_waves
+    from elvis.plugins.fourier_slabs import in_slabs
 
     for remark in dataset.remarks:
         note(remark)
