@@ -13,16 +13,14 @@ from elvis.plugins.fourier_planes import has_waves
 from elvis.plugins.fourier_slabs import in_slabs
 from elvis.plugins.registry import plugins
 
-_PICTURE, _SURFACE, _TABLE = (
-    "dataset.plot().save(name) writes pictures",
-    "elvis extract writes surfaces",
-    "elvis probe writes tables",
-)
 #: suffixes of files that are no datasets, and what writes such files
 _OTHER_FILES = {
-    **dict.fromkeys((".png", ".jpg", ".svg", ".pdf", ".exr", ".html", ".webp", ".gif", ".mp4"), _PICTURE),
-    **dict.fromkeys((".stl", ".ply", ".obj", ".glb", ".vtp"), _SURFACE),
-    **dict.fromkeys((".csv", ".npz"), _TABLE),
+    **dict.fromkeys(
+        (".png", ".jpg", ".svg", ".pdf", ".exr", ".html", ".webp", ".gif", ".mp4"),
+        "dataset.plot().save(name) writes pictures",
+    ),
+    **dict.fromkeys((".stl", ".ply", ".obj", ".glb", ".vtp"), "elvis extract writes surfaces"),
+    **dict.fromkeys((".csv", ".npz"), "elvis probe writes tables"),
 }
 
 

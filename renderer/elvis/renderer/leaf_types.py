@@ -35,10 +35,9 @@ def works_together(stage: str, chosen: Part | Quantity) -> bool:
     Distances are evaluated on some lanes only; so are conditions of levels, and quantities without proof, where rays
     meet an isosurface.
     """
-    enclosure = chosen.enclosure
     if chosen.degree > 0:
         return True
-    if enclosure is not None and enclosure.distances:
+    if chosen.enclosure is not None and chosen.enclosure.distances:
         return False
     if stage != "iso_draw":
         return True
