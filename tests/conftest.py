@@ -273,7 +273,7 @@ def resident():
 
 @pytest.hookimpl(hookwrapper=True)
 def pytest_runtest_teardown(item, nextitem):
-    """Between modules, whose fixtures may hold devices: what tests have freed, and kernels, would take gigabytes."""
+    """Release memory between modules: freed pages and kernels of all tests would take gigabytes."""
     yield
     if nextitem is None or nextitem.path == item.path or resident() < MUCH_RESIDENT:
         return

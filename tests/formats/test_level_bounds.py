@@ -149,7 +149,7 @@ def test_taylor_expansions_have_the_values_of_nets():
 
 
 def test_omitted_terms_of_expansions_are_bounded():
-    """Values and derivatives of all terms that are left out, at random complex points of the discs."""
+    """Values and derivatives of all truncated terms, at random complex points of the discs."""
     random, count = np.random.default_rng(2), 6
     degrees = np.add.outer(np.add.outer(np.arange(8), np.arange(8)), np.arange(8))
     coefficients = random.normal(size=(count, 8, 8, 8)) * 0.5**degrees

@@ -105,7 +105,7 @@ def test_seeds_of_streamlines_are_edited(page, viewer):
 
 
 def test_new_streamlines_are_tubes_of_a_size_that_is_seen(page, viewer):
-    """Not of a size of the whole data, of which a part may be visible."""
+    """The visible part sets the size, not the whole data."""
     change(page, {"plane": None, "objects[0]": {"kind": "isosurface", "values": [0.2]}})
     settled(page, viewer)
     add(page, "streamlines")

@@ -85,7 +85,7 @@ def test_arrows_along_axes_are_those_of_the_sharp_picture(page, viewer):
 
 
 def test_close_up_the_point_under_the_pointer_stays(page, viewer):
-    """From nearby, and obliquely: the middle of what is visible is far from the point."""
+    """In a close oblique view the middle of the visible part is far from the point."""
     change(
         page, {"camera": {**CAMERA, "eye": [0.5, -1.6, 0.5], "at": [0.5, 0.5, 0.4], "up": [0, 0, 1], "height": 0.03}}
     )

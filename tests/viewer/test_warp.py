@@ -52,7 +52,7 @@ def test_points_move_as_they_are_seen(page, viewer, lens):
 
 
 def test_parallel_views_of_one_direction_are_shifted(page, viewer):
-    """By 30 columns and 12 rows: what remains in the picture is the same, pixel by pixel."""
+    """After a shift by 30 columns and 12 rows, all pixels that stay in the picture are the same."""
     camera = {**FIRST, "height": 1.8}
     change(page, {"camera": camera, "range": [-1, 2]})
     settled(page, viewer)

@@ -163,7 +163,7 @@ def test_the_module_shows_and_changes_the_scene_in_a_cell(browser, viewer):
 
 
 def answers(viewer, wanted):
-    """What the page receives to messages with these numbers."""
+    """The answers that the page receives to messages with these numbers."""
     end = time.monotonic() + PATIENCE
     while time.monotonic() < end:
         found = {content["id"]: content for content, _ in list(viewer.sent) if content.get("id") in wanted}

@@ -55,7 +55,7 @@ class Best:
 
 
 def best_argument(root: Node, ends: tuple[Extremum, Extremum], sign: int) -> Best | None:
-    """Where ``sign`` times a function of one field is largest on the field's range; None if nothing is known of it."""
+    """Where ``sign`` times a function of one field is largest on the field's range; None if this can't be decided."""
     least, greatest = ends
     if not np.isfinite([least.bound, greatest.bound]).all():
         return None
@@ -82,7 +82,7 @@ def best_argument(root: Node, ends: tuple[Extremum, Extremum], sign: int) -> Bes
 
 
 def _improved(best: Best, places: Floats, found: Floats) -> Best:
-    """The best of a value and of values (n,) at places (n,), some of which may be NaN."""
+    """The largest of one value and of values (n,) at places (n,); NaN is ignored."""
     found = np.where(np.isfinite(found), found, -np.inf)
     number = int(found.argmax())
     return Best(float(places[number]), float(found[number]), 0.0) if found[number] > best.value else best

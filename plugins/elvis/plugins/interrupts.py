@@ -17,8 +17,8 @@ _FRAGILE = ("multiprocessing.popen", "elvis.core.files.scratch", __name__)
 class Interrupts:
     """While the block runs, Ctrl-C is a KeyboardInterrupt, but waits for the end of what must not be left half done.
 
-    Libraries that are interrupted while they are loaded turn that into errors of their own, or crash, a process whose
-    start is interrupted prints that it was told nothing, and a scratch folder would stay.
+    A library raises its own errors, or crashes, if it is interrupted while it is loaded.  A process whose start is
+    interrupted prints a traceback, and a scratch folder would remain.
 
     asked  whether somebody has pressed Ctrl-C
     """

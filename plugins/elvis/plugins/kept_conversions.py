@@ -90,14 +90,14 @@ class _Result:
         return len(head).to_bytes(_LENGTH, "little"), head, *self.files
 
     def dataset(self) -> Dataset:
-        """The dataset in the files, which are mapped if they are large: then only what is used takes memory."""
+        """The dataset in the files; large files are mapped, so that only the parts in use take memory."""
         with mapped(if_so=os.name == "posix" and self.size > _MAPPED):
             return replace(_ordered(read(*self.files), self.keys), remarks=tuple(self.remarks))
 
 
 @dataclass(frozen=True)
 class _Head:
-    """What precedes the files of a conversion in the cache.
+    """The header of a conversion in the cache; its files follow.
 
     sizes  bytes of the files by name; all else as in `_Result`
     """

@@ -36,7 +36,7 @@ def onto_any_mesh(
 def _by_slabs(
     source: Dataset, target: Dataset, order: int | None, outside: str, fields: Sequence[str] | None
 ) -> Transfer:
-    """The projection of slabs, to whose errors those of the slabs are added."""
+    """The projection of slabs; its errors include the errors of the slabs."""
     slabs = in_slabs(source)
     found = onto_mesh(slabs.dataset, target, order, outside, fields)
     before = {own.name: own for own in slabs.report.fields}

@@ -113,7 +113,7 @@ class Painter:
         return self.stages.parts_quantity(contours.quantity, self.scene)
 
     def range_of(self, quantity: str | None, asked: object, palette: str | None) -> tuple[float, float]:
-        """The ends of a colour map; of contours alone without ``palette``."""
+        """The ends of a colour map, or of the values of contours if ``palette`` is None."""
         if isinstance(asked, tuple):
             return asked
         if asked == "all":

@@ -73,7 +73,7 @@ class Tracer:
         return tuple(made)
 
     def segments(self) -> tuple[Segments, ...]:
-        """All of them as they are, for drafts: joining takes longer than drawing them."""
+        """All lines as short segments, for drafts: joining them takes longer than drawing them."""
         made = []
         for style in sorted(self.found, key=self._order):
             _, *parts = zip(*self.found[style], strict=True)

@@ -34,11 +34,11 @@ def depths_of(frame: Frame) -> Table:
 
 
 def motion_of(frame: Frame, is_lean: bool = False) -> tuple[Table, bytes]:
-    """What a page needs to move a draft and to draw its lines: facts, and compressed 16-bit numbers.
+    """Facts and compressed 16-bit numbers, with which a page moves a draft and draws its lines.
 
-    The numbers are the depths, as differences along rows; then for each line style six rows: columns, rows and depths
-    of the starts, and what leads from them to those of the ends.  More lines than pixels cover a surface, as the
-    contour of an isosurface's own value does: they are left out.
+    The numbers are the depths, as differences along rows; each line style adds six rows: columns, rows and depths of
+    starts, then the differences to the ends.  A style with more lines than pixels is left out: it covers a surface, as
+    the contour of an isosurface's own value does.
     """
     depth = _finite_depth(frame)
     facts, parts = _parts_of(depth, MAX_SIDE_OF_LEAN_DRAFTS if is_lean else MAX_SIDE_OF_DRAFTS)

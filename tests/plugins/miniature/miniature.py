@@ -88,7 +88,7 @@ def wait(how):
 
 
 def _start_slowly():
-    """Start a process that is told only after a while what it is to do."""
+    """Start a process that receives its task late."""
     import multiprocessing.resource_tracker
     import multiprocessing.util
     import time
@@ -107,7 +107,7 @@ def _start_slowly():
 
 
 def _remove_slowly():
-    """Make a scratch folder, the removal of which takes its time."""
+    """Make a scratch folder and remove it slowly."""
     import os
     import tempfile
     import time

@@ -1,10 +1,10 @@
-"""Taylor expansions that are cut off on discs, with bounds of all that is left out.
+"""Truncated Taylor expansions on discs, with bounds of the truncation error.
 
 A polynomial of degree 7 along each axis has 3,872 coefficients in the coordinates s, t and u of a curved surface, where
 k = u + P(s, t).  On a small box almost all of them are negligible.  Only the terms up to a total degree are computed.
 The others are bounded by majorants: let c+ and P+ be c and P with the magnitudes of their coefficients.  Each
-coefficient of c(s, t, u + P) is at most the one of c+(s, t, u + P+).  What is left out of the former is therefore at
-most the difference between the latter and its own terms that are kept, at the radii of the discs.
+coefficient of c(s, t, u + P) is at most the one of c+(s, t, u + P+).  The truncation error of the former
+is therefore at most the truncation error of the latter at the radii of the discs.
 """
 
 from __future__ import annotations

@@ -48,7 +48,7 @@ class ElementPoints:
         return tangents.duals(self.jacobians)
 
     def in_patch(self, patch: Patch) -> ElementPoints:
-        """The same points in a patch of the same elements with other fields; what is known of their maps is shared."""
+        """The same points in a patch of the same elements with other fields; both share the derivatives of the map."""
         found = ElementPoints(patch, self.rows, self.points, self.normals)
         found.jacobians, found.duals = self.jacobians, self.duals
         return found

@@ -1,8 +1,8 @@
 """Errors of fields of order 2 to 4 on each element, from polynomials of two degrees more.
 
 The few levels of such a spectrum say little about the next one: their energies scatter by the phase of the field in the
-element.  The neighbours say more.  A polynomial q of degree p + 2 is fitted to the field u of order p on an element and
-on those that share a side with it (`patch_fits`).  With R the operator that makes fields of functions, two norms on the
+element.  The neighbours say more.  On an element and its neighbours across sides, a polynomial q of degree p + 2 is
+fitted to the field u of order p (`patch_fits`).  With R the operator that makes fields of functions, two norms on the
 element are
 
     missing = |q - R q|,    what the order p cannot hold of q,
@@ -16,8 +16,8 @@ always lie on an exponential law, three and four can confirm it, so that the tru
     error = (missing^2 + (1 - trust) misfit^2)^((1 - share) / 2) error of the spectrum^share.
 
 Polynomials of degree p + 1 would do for smooth fields in theory (Zhang and Naga 2005, A new finite element gradient
-recovery method: superconvergence property).  Those of degree p + 2 still do where the derivative of order p + 1 changes
-its sign from one element to the next.
+recovery method: superconvergence property).  Degree p + 2 is needed where the derivative of order p + 1
+changes sign between elements.
 """
 
 from __future__ import annotations

@@ -207,8 +207,8 @@ class PatchFits:
     def _products(self, own: FieldElements, rows: Ints, owners: Ints) -> tuple[Floats, Floats, Floats]:
         """Scalar products on elements, as sums of them make the fits.
 
-        These are those of the modes of restricted polynomials of owners (n, k, k), of what the modes lack of the
-        polynomials (n, k, k), and of the modes and the field (n, k).
+        Of each owner: of the modes of its restricted polynomials (n, k, k), of the parts of the polynomials that the
+        modes lack (n, k, k), and of the modes with the field (n, k).
         """
         restriction, (expansion, coefficients) = self.restriction(own), own.field
         table = self.table(owners, own.positions(rows, restriction.points))
