@@ -220,9 +220,11 @@ def started():
 
 #: devices by name, and renderers on them, that stay open from test to test
 OPENED, RENDERERS = {}, {}
-#: bytes of a process from which what is free is given back to the system, and from which open devices are closed, with
-#: all that they hold of kernels
-MUCH_RESIDENT, MOST_RESIDENT = 3 << 28, 1 << 30
+#: bytes of a process from which, between modules, what is free is given back to the system, and from which open devices
+#: are closed, with all that they hold of kernels; bytes by which it may grow within a module until what is free goes
+MUCH_RESIDENT, MOST_RESIDENT, MOST_GROWTH = 3 << 28, 1 << 30, 1 << 27
+#: bytes of this process when memory was last given back
+after_giving_back = 0
 
 
 #: bytes of compiled kernels that tests keep, and of the modules that these are compiled of
@@ -273,14 +275,17 @@ def resident():
 
 @pytest.hookimpl(hookwrapper=True)
 def pytest_runtest_teardown(item, nextitem):
-    """Release memory between modules: freed pages and kernels of all tests would take gigabytes."""
+    """Release memory as it grows, and between modules: what all tests free and compile would take gigabytes."""
+    global after_giving_back
     yield
-    if nextitem is None or nextitem.path == item.path or resident() < MUCH_RESIDENT:
+    is_last = nextitem is None or nextitem.path != item.path
+    if resident() < (MUCH_RESIDENT if is_last else max(MUCH_RESIDENT, after_giving_back + MOST_GROWTH)):
         return
     give_back_memory()
-    if OPENED and resident() > MOST_RESIDENT:
+    if is_last and OPENED and resident() > MOST_RESIDENT:
         close_devices()
         give_back_memory()
+    after_giving_back = resident()
 
 
 @pytest.fixture(scope="session")

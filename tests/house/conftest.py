@@ -27,20 +27,25 @@ def project_files(root):
 
 
 @pytest.fixture(scope="session")
-def modules(root):
-    """Path -> syntax tree of every Python module of the areas."""
-    paths = [path for area in AREAS for path in sorted((root / area).rglob("*.py"))]
+def module_paths(root):
+    """Every Python module of the areas."""
+    return [path for area in AREAS for path in sorted((root / area).rglob("*.py"))]
+
+
+@pytest.fixture(scope="module")
+def modules(module_paths):
+    """Path -> syntax tree of every Python module of the areas: 270 MB while a module of tests needs them."""
     # the garbage collector would look at a million nodes again and again
     gc.disable()
-    trees = {path: ast.parse(path.read_text(encoding="utf-8")) for path in paths}
+    trees = {path: ast.parse(path.read_text(encoding="utf-8")) for path in module_paths}
     gc.freeze()
     gc.enable()
     return trees
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def nodes(modules):
-    """Path -> all nodes of the syntax tree of every module of the areas, listed once for all tests."""
+    """Path -> all nodes of the syntax tree of every module of the areas, listed once for all tests of a module."""
     return {path: list(ast.walk(tree)) for path, tree in modules.items()}
 
 

@@ -49,8 +49,8 @@ def base_names(paths):
 
 
 @pytest.mark.parametrize("area", AREAS)
-def test_base_names_are_unique_in_an_area(root, modules, area):
-    paths = [path.relative_to(root) for path in modules]
+def test_base_names_are_unique_in_an_area(root, module_paths, area):
+    paths = [path.relative_to(root) for path in module_paths]
     names = base_names([path for path in paths if path.parts[0] == area])
     assert [name for name, count in Counter(names).items() if count > 1] == []
 

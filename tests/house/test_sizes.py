@@ -8,6 +8,8 @@ SLANG_LINES = 60
 
 #: what stands before the brace of a function, but also of a loop or condition
 HEAD = re.compile(r"\b(\w+)\s*(?:<[^<>;{}]*>)?\s*\((?:[^(){};]|\([^(){};]*\))*\)\s*$")
+#: how handlers begin that catch everything
+BROAD = re.compile(r"except(\s*:|\s+(Base)?Exception\b)")
 NO_FUNCTION = ("if", "for", "while", "switch")
 
 
@@ -41,11 +43,15 @@ def test_slang_functions_are_short(project_files):
     assert not lines
 
 
-def test_no_handler_catches_everything_silently(root, nodes):
+def test_no_handler_catches_everything_silently(root, module_paths):
+    sources = {path: path.read_text(encoding="utf-8") for path in module_paths}
+    # only these have such handlers: all would take seconds to parse
+    suspects = {path: source for path, source in sources.items() if BROAD.search(source)}
+    assert suspects
     silent = [
         f"{path.relative_to(root)}:{node.lineno}"
-        for path, own_nodes in nodes.items()
-        for node in own_nodes
+        for path, source in suspects.items()
+        for node in ast.walk(ast.parse(source))
         if isinstance(node, ast.ExceptHandler) and is_broad(node) and not answers(node)
     ]
     assert not silent
