@@ -15,6 +15,7 @@ Running it again gives the same bytes.
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
 from collections.abc import Callable
@@ -139,14 +140,18 @@ CASES = {
 
 def main(arguments: list[str]) -> int:
     """Write the cases; 2 where a name is unknown, 1 where elements are invalid that shouldn't be."""
-    quick = "--quick" in arguments
-    folder, *names = [each for each in arguments if each != "--quick"] or [str(ROOT / "out" / "cases")]
+    parser = argparse.ArgumentParser(description="Write the cases of the gallery and of the benchmarks.")
+    parser.add_argument("folder", nargs="?", type=Path, default=ROOT / "out" / "cases", help="default: out/cases")
+    parser.add_argument("names", nargs="*", metavar="CASE", help=f"all by default: {', '.join(CASES)}")
+    parser.add_argument("--quick", action="store_true", help="coarse meshes")
+    options = parser.parse_args(arguments)
+    folder, names, quick = options.folder, options.names, options.quick
     unknown = [name for name in names if name not in CASES]
     if unknown:
         print(f"there is no case {unknown[0]}; the cases are {', '.join(CASES)}", file=sys.stderr)
         return 2
-    Path(folder).mkdir(parents=True, exist_ok=True)
-    good = [write_case(name, Path(folder), quick) for name in names or CASES]
+    folder.mkdir(parents=True, exist_ok=True)
+    good = [write_case(name, folder, quick) for name in names or CASES]
     return 0 if all(good) else 1
 
 

@@ -12,7 +12,7 @@ All but the last in the native format.
 
 from __future__ import annotations
 
-import sys
+import argparse
 from pathlib import Path
 
 import numpy as np
@@ -53,4 +53,6 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1] if len(sys.argv) > 1 else "out/data"))
+    parser = argparse.ArgumentParser(description="Make the sample data: solutions whose every detail is known.")
+    parser.add_argument("folder", nargs="?", type=Path, default=Path("out/data"), help="default: out/data")
+    main(parser.parse_args().folder)

@@ -10,7 +10,7 @@ The steps are about one period of the vortices after these have settled.  Takes 
 
 from __future__ import annotations
 
-import sys
+import argparse
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -81,7 +81,9 @@ def solve(mesh: Any) -> Iterator[tuple[float, Any, Any]]:
 
 def main() -> None:
     """Write the mesh and the steps."""
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "out" / "street"
+    parser = argparse.ArgumentParser(description="Compute a vortex street with NGSolve, some minutes long.")
+    parser.add_argument("folder", nargs="?", type=Path, default=ROOT / "out" / "street", help="default: out/street")
+    folder = parser.parse_args().folder
     folder.mkdir(parents=True, exist_ok=True)
     mesh = channel()
     wanted = [FIRST + (LAST - FIRST) * number / (COUNT - 1) for number in range(COUNT)]

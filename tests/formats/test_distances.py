@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from elvis import Dataset
+from elvis import Dataset, read
 from elvis.core.distances import nearest, surface_of
 from elvis.core.distances.boundaries import bodies
 from elvis.core.errors import ElvisError
@@ -20,6 +20,7 @@ from elvis.core.quantities.element_sides import places_on_sides
 from elvis.core.quantities.evaluator import Evaluator, Sampler
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, with_field
+from elvis.plugins.sample import write_sample
 
 LINEAR = {2: [(0, 1, 1)], 3: [(0, 1, 2)], 4: [(0, 1, 2), (0, 2, 3)]}
 
@@ -382,5 +383,16 @@ def test_bodies_are_enclosed_by_other_boundaries(name):
             for place in {low[axis], high[axis]}:
                 on_side |= (corners[..., axis] == place).all(axis=1)
         composites.append(Composite(2, (("F", faces.ids[inside & on_side]),), "body"))
-    found, share = bodies(replace(mesh, composites=tuple(composites)))
-    assert (found, share) == (wanted, pytest.approx(size))
+    found = bodies(replace(mesh, composites=tuple(composites)))
+    assert (list(found.names), found.size) == (wanted, pytest.approx(size))
+    if wanted:
+        assert found.box == pytest.approx(np.array([low, high]) / 4)
+
+
+def test_a_cylinder_is_a_body_of_2d_data(tmp_path):
+    write_sample("cylinder", tmp_path)
+    found = bodies(read(tmp_path / "cylinder.xml").mesh)
+    assert found.names == ("cylinder",)
+    # a circle of radius 1, with nodes on the axes, in one of radius 5
+    assert found.box == pytest.approx(np.array([[-1, -1, 0], [1, 1, 0]]))
+    assert found.size == pytest.approx(1 / 5)

@@ -271,6 +271,16 @@ def test_light_falls_by_the_cosine(draw, cube):
         assert np.allclose(frame.color, 0.25 + 0.5 * cosine, atol=1e-12)
 
 
+@pytest.mark.parametrize(("style", "share"), [(Style(color=(1.0, 1.0, 1.0)), 0.3), (Style(), 0.5)])
+def test_colours_of_maps_have_more_ambient_light(draw, cube, style, share):
+    camera = Camera((0.5, -3.0, 0.5), (0.5, 0.5, 0.5), height=0.8)
+    bright, dark = (
+        draw(cube, objects=(Faces(style=style),), camera=camera, size=(20, 20), lights=(), **ambient).color
+        for ambient in ({"ambient": 1.0}, {})
+    )
+    assert np.allclose(dark, share * bright, atol=1e-12)
+
+
 def test_views_are_fitted_to_the_visible_objects(draw, cube):
     sphere = Sphere((0.9, 0.9, 0.9), 0.05)
     for objects in ((CutSurface(sphere),), (Faces(),)):

@@ -1,6 +1,8 @@
 """What new users try in Python: the lines of an afternoon, and what they expect of them."""
 
 import runpy
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -179,3 +181,11 @@ def test_data_are_plotted_and_saved_by_methods():
     solid = Figure().subplots()
     ds["Cp"].plot(ax=solid, camera="iso", **SIZE)
     assert not solid.axison
+
+
+@pytest.mark.parametrize("name", ["generate", "cases"])
+def test_help_of_examples_makes_nothing(name, tmp_path):
+    command = [sys.executable, ROOT / "examples" / f"{name}.py", "--help"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert (done.returncode, done.stdout[:6]) == (0, "usage:")
+    assert not list(tmp_path.iterdir())

@@ -100,7 +100,7 @@ def painted(surface: SurfaceHits, scene: Scene, view: View, ends: tuple[float, f
     if style.lic is not None and surface.tones is not None:
         colors = toned(colors, surface.tones, style.lic.contrast)
     if surface.lit:
-        colors = colors * _light(hits, scene, view)[:, None]
+        colors = colors * _light(hits, scene, view, scene.ambient_on(style))[:, None]
 
     # lines lie on the surface, mesh lines under contours
     opacity = np.full(view.count, style.opacity)
@@ -110,11 +110,11 @@ def painted(surface: SurfaceHits, scene: Scene, view: View, ends: tuple[float, f
     return colors, opacity
 
 
-def _light(hits: Hits, scene: Scene, view: View) -> Floats:
+def _light(hits: Hits, scene: Scene, view: View, ambient: float) -> Floats:
     """(n,) factors of light on the visible side: the ambient part, plus Lambert's cosine for each light; at most 1."""
     rows, columns = np.divmod(np.arange(view.count), view.width)
     rays = view.rays(columns.astype(np.float64), rows.astype(np.float64))[1]
-    factor = np.full(view.count, scene.ambient)
+    factor = np.full(view.count, ambient)
     for light in scene.lights:
         directions = -rays if light.direction is None else np.broadcast_to(np.asarray(light.direction), rays.shape)
         directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)

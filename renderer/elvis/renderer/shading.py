@@ -174,7 +174,7 @@ class Painter:
         colors = style.color if style.color is not None else self._palette(draw_call.quantity, style)
         view = draw_call.view_of(view)
         lights = scene.lights if draw_call.copy is None else draw_call.copy.lights(scene.lights)
-        light = (tuple(lights), scene.ambient) if draw_call.lit else ((), 1.0)
+        light = (tuple(lights), scene.ambient_on(style)) if draw_call.lit else ((), 1.0)
         mesh, contours, lic = style.mesh_lines, style.contours, style.lic
         streaks = None if lic is None else (self.stages.streaks(view, hits, lic, scene), lic.contrast)
         if traces_lines(scene):

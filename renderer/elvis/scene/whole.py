@@ -20,7 +20,7 @@ from elvis.scene.copies import Copies
 from elvis.scene.errors import SceneError
 from elvis.scene.objects import CutSurface, SceneObject, VolumeRendering
 from elvis.scene.settings import FilePath, Memory, Model, OtherFiles, PaletteName, Quantity, Setting, check, settings
-from elvis.scene.style import COLOR, POSITIVE, ColorBar, check_range
+from elvis.scene.style import COLOR, POSITIVE, ColorBar, Style, check_range
 from elvis.scene.surfaces import Plane, Surface, Vector, cross, unit
 
 if TYPE_CHECKING:
@@ -29,6 +29,9 @@ if TYPE_CHECKING:
 
 #: sine of the angle between a view and ``up`` below which another direction is upwards
 ALONG_UP = 1e-12
+#: ambient light on objects coloured by a map, and on those of one colour
+AMBIENT_OF_MAPS = 0.5
+AMBIENT_OF_COLORS = 0.3
 
 
 @lru_cache(maxsize=64)
@@ -334,9 +337,15 @@ class Scene(Model):
         ),
     ] = (Light(),)
     ambient: Annotated[
-        float,
-        Setting("Ambient light: share of its colour that a surface shows unlit.", ge=0, le=1, option="--ambient"),
-    ] = 0.3
+        float | None,
+        Setting(
+            "Ambient light: share of its colour that a surface shows unlit.",
+            ge=0,
+            le=1,
+            option="--ambient",
+            default="0.5 with a colour map, 0.3 in one colour",
+        ),
+    ] = None
     clip: Annotated[
         tuple[Clip, ...],
         Setting(
@@ -596,6 +605,15 @@ class Scene(Model):
     def every_object(self) -> tuple[SceneObject, ...]:
         """The objects, the shortcut ``plane`` first."""
         return self.objects if self.plane is None else (CutSurface(self.plane), *self.objects)
+
+    def ambient_on(self, style: Style) -> float:
+        """Ambient light on an object of a style.
+
+        Colours of a map are to be read from slanted surfaces too; in one colour, only shading shows the shape.
+        """
+        if self.ambient is not None:
+            return self.ambient
+        return AMBIENT_OF_MAPS if style.color is None else AMBIENT_OF_COLORS
 
     @property
     def moment(self) -> Moment:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from elvis.core.distances.boundaries import boundaries, names_of_boundaries
+from elvis.core.quantities.flows import CUSTOMARY, VECTORS
 
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
@@ -60,6 +62,17 @@ def _regions(mesh: Mesh) -> dict[str, int]:
             name = composite.name or str(composite.id)
             found[name] = found.get(name, 0) + count
     return dict(list(found.items())[:MAX_REGIONS]) if len(found) > 1 else {}
+
+
+def wall_field(fields: Sequence[str]) -> str | None:
+    """The field of the first picture of walls, where velocities say little: the pressure, if the first is a velocity.
+
+    None if the first field is no velocity, or if there is no pressure.
+    """
+    components = {name for vector in VECTORS for name in vector}
+    if not fields or fields[0] not in components:
+        return None
+    return next((name for name in CUSTOMARY["p"] if name in fields), None)
 
 
 def grouped_names(names: Names, has_elements: bool) -> dict[str, list[str]]:

@@ -23,6 +23,7 @@ from elvis.viewer.other_pictures import OtherPictures
 
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
+    from elvis.core.distances.boundaries import Bodies
     from elvis.plugins.data import Reading
     from elvis.plugins.opening import PluginData
     from elvis.renderer.bricks import Bricks, Opening
@@ -184,7 +185,7 @@ class _Drawing:
         from elvis.core.picturing import Kind
         from elvis.plugins.serving import names_of
         from elvis.renderer.bricks import Bricks
-        from elvis.viewer.contents import contents_of, grouped_names
+        from elvis.viewer.contents import contents_of, grouped_names, wall_field
 
         data = self._few
         names = names_of(data)
@@ -195,6 +196,8 @@ class _Drawing:
             "boundaries": [],
             "bodies": [],
             "body_size": 0.0,
+            "body_box": None,
+            "wall_field": None,
             "kind": "solid",
             "box": None,
             "times": self._moments.times,
@@ -206,7 +209,8 @@ class _Drawing:
             facts["periods"] = periods(data)
             facts["boundaries"] = names_of_boundaries(data.mesh)
             if not isinstance(self._data, Bricks):
-                facts["bodies"], facts["body_size"] = bodies(data.mesh)
+                facts.update(_facts_of_bodies(bodies(data.mesh)))
+                facts["wall_field"] = wall_field(names.fields)
                 facts["contents"] = contents_of(data)
             facts["box"] = (self._data if isinstance(self._data, Bricks) else data.mesh).corners.tolist()
             facts["remarks"] = list(data.remarks)
@@ -502,6 +506,12 @@ class _Drawing:
         """The picture of a scene at its moment."""
         self._state(scene)
         return self._pictures.draw(scene)
+
+
+def _facts_of_bodies(found: Bodies) -> Table:
+    """Names, relative size and box of the boundaries that others surround."""
+    box = None if found.box is None else found.box.tolist()
+    return {"bodies": list(found.names), "body_size": found.size, "body_box": box}
 
 
 def _facts_of(frame: Frame, layout: Layout) -> Table:

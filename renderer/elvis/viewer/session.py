@@ -460,14 +460,17 @@ class Session:
         await self._send_state()
 
     def _begin(self, facts: Table) -> None:
-        """Show only bodies if no objects are given and a far field would hide them."""
+        """Show only bodies if no objects are given and a far field would hide them, in colours of the pressure."""
         is_untouched = self.revision == 0 and not self._undo and self.table is self._start
-        if not (is_untouched and facts.get("bodies")) or self.scene.every_object:
+        has_bodies = facts.get("bodies") and facts["kind"] == "solid"
+        if not (is_untouched and has_bodies) or self.scene.every_object:
             return
         faces = {"kind": "faces", "select": facts["bodies"]}
         # a view that holds the box of a wide far field would show its body as a dot
         box = {"box": True} if facts["body_size"] > LARGE_BODY else {}
-        self.table = {**self.table, "objects": [faces], **box}
+        pressure = facts["wall_field"]
+        field = {"field": pressure} if pressure and not self.scene.field else {}
+        self.table = {**self.table, **field, "objects": [faces], **box}
         self._start = self.table
 
     async def _draw(self) -> None:

@@ -14,7 +14,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.geometry import GeometryBlock, geometry
 from elvis.core.hints import perhaps
 from elvis.core.mapping.orientation import local_vertices
-from elvis.core.mesh import NON_CONFORMING, PERIODIC, Mesh
+from elvis.core.mesh import NON_CONFORMING, PERIODIC, Curves, Mesh
 from elvis.core.polynomials.bernstein import bernstein_space
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.expansion import values, values_and_gradients
@@ -65,18 +65,28 @@ def names_of_boundaries(mesh: Mesh) -> list[str]:
     return list(found.values())
 
 
-def bodies(mesh: Mesh) -> tuple[list[str], float]:
-    """Names of the boundaries that others surround, such as a wing in its far field, and their size.
+@dataclass(frozen=True)
+class Bodies:
+    """Boundaries that others surround, such as a wing in its far field.
 
-    There are none unless there are others.  The size is the longest side of their box relative to the longest side of
-    the data's box.
+    names  of the boundaries
+    box    (2, 3) minimum and maximum coordinates of their vertices and points of curves; None without bodies
+    size   the longest side of that box relative to the longest side of the data's box
+    """
+
+    names: tuple[str, ...] = ()
+    box: Floats | None = None
+    size: float = 0.0
+
+
+def bodies(mesh: Mesh) -> Bodies:
+    """The bodies of 2D and 3D data; there are none unless there are other boundaries.
 
     A body stays clear of both ends of the data's box along two axes or more, and does not lie flat on a side of the
     box.  A wing may stand on a plane of symmetry, a cylinder between two periodic planes, and an inlet is not a body.
-    Boxes enclose vertices and points of curves.
     """
-    if mesh.dimension != 3 or mesh.excerpt is not None:
-        return [], 0.0
+    if mesh.dimension < 2 or mesh.space > mesh.dimension or mesh.excerpt is not None:
+        return Bodies()
     names = names_of_boundaries(mesh)
     rows = boundaries(mesh)
     low, high = mesh.corners
@@ -84,33 +94,40 @@ def bodies(mesh: Mesh) -> tuple[list[str], float]:
     found = []
     corners = []
     for name in names:
-        points = _points_of_faces(mesh, rows[name])
+        points = _points_of_sides(mesh, rows[name])
         if not len(points):
             continue
         least, greatest = points.min(axis=0), points.max(axis=0)
         is_clear = (least > low + room) & (greatest < high - room)
-        is_flat = (greatest - least <= FLATNESS * (high - low)) & ~is_clear
+        is_flat = (greatest - least <= FLATNESS * (high - low)) & ~is_clear & (high > low)
         if is_clear.sum() >= 2 and not is_flat.any():
             found.append(name)
             corners += [least, greatest]
     if not found or len(found) == len(names):
-        return [], 0.0
-    return found, float(np.ptp(corners, axis=0).max() / (high - low).max())
+        return Bodies()
+    box = np.array([np.min(corners, axis=0), np.max(corners, axis=0)])
+    return Bodies(tuple(found), box, float(np.ptp(box, axis=0).max() / (high - low).max()))
 
 
-def _points_of_faces(mesh: Mesh, rows: Ints) -> Floats:
-    """(n, 3) the vertices of faces (triangles first), and the points of their curves."""
+def _points_of_sides(mesh: Mesh, rows: Ints) -> Floats:
+    """(n, 3) the vertices of sides (edges, or faces with triangles first), and the points of their curves."""
+    if mesh.dimension == 2:
+        vertices = distinct(mesh.of(Shape.SEGMENT).members[rows].ravel())
+        return np.concatenate([mesh.vertices[vertices], _points_of_curves(mesh.edge_curves, rows)])
     triangles = mesh.of(Shape.TRIANGLE).members
     quadrilaterals = mesh.of(Shape.QUADRILATERAL).members
     count = len(triangles)
     sides = [triangles[rows[rows < count]].ravel(), quadrilaterals[rows[rows >= count] - count].ravel()]
     edges = distinct(np.concatenate(sides))
     vertices = distinct(mesh.of(Shape.SEGMENT).members[edges].ravel())
-    found = [mesh.vertices[vertices]]
-    for curves, own in ((mesh.edge_curves, edges), (mesh.face_curves, rows)):
-        is_own = np.isin(curves.rows, own)
-        found.append(curves.points[np.repeat(is_own, np.diff(curves.offsets))])
-    return np.concatenate(found)
+    of_curves = [_points_of_curves(mesh.edge_curves, edges), _points_of_curves(mesh.face_curves, rows)]
+    return np.concatenate([mesh.vertices[vertices], *of_curves])
+
+
+def _points_of_curves(curves: Curves, rows: Ints) -> Floats:
+    """(n, 3) the points of the curves of edges or faces."""
+    is_own = np.isin(curves.rows, rows)
+    return curves.points[np.repeat(is_own, np.diff(curves.offsets))]
 
 
 def sides_by_name(mesh: Mesh) -> dict[str, Ints]:

@@ -144,8 +144,10 @@ const QUANTITIES = new Set(["field", "quantity", "expression"]);
 //: settings of streamlines in the parts of their panel; all others are advanced
 const LINES = { seeds: ["direction", "wall", "velocity"], look: ["radius", "width", "ribbon", "across", "arrows", "arrows_by", "arrow_length", "style"] };
 //: kinds of seeds, and the fields of their texts
-const SEEDS = { random: [["count", "count"]], line: [["from", "point"], ["to", "point"], ["count", "count"]], plane: [["point", "point"], ["normal", "point"], ["count", "count"]],
+const SEEDS = { random: [["count", "count"], ["low", "point"], ["high", "point"]], line: [["from", "point"], ["to", "point"], ["count", "count"]], plane: [["point", "point"], ["normal", "point"], ["count", "count"]],
   boundary: [["name", "boundary"], ["count", "count"]], point: [["point", "point"]], elements: [] };
+//: room around a body in which new lines start: relative to its side along each axis, and at least to its longest side
+const NEARBY = 0.25, LEAST_NEARBY = 0.1;
 //: contours that are added
 const TEN_LINES = { count: 10, round: true };
 //: settings that exclude each other in an object
@@ -173,7 +175,7 @@ class Controls {
       radius: this.extent() / 4, angle: 30, expression: this.facts?.fields?.[0] ?? "x", values: [0], count: 10,
       contours: TEN_LINES, range: this.facts?.range ?? [0, 1], densities: [0, 1], file: "surface.stl", direction: [1, 1, 1], linear: 1e-3,
       across: this.axis(), length: this.extent(), arrows: this.extent() / 10, arrow_length: this.extent() / 40, ribbon: this.extent() / 50,
-      tolerance: 1e-6, font_size: 12, at: this.middle(), text: "text", step: [this.extent(), 0, 0],
+      tolerance: 1e-6, font_size: 12, ambient: 0.5, at: this.middle(), text: "text", step: [this.extent(), 0, 0],
     };
     if (key in usual) return usual[key];
     if (own.default !== undefined && own.default !== null) return own.default;
@@ -204,6 +206,19 @@ class Controls {
 
   extent(box = this.box) {
     return box ? length(minus(box[1], box[0])) : 1;
+  }
+
+  // a box around the bodies in a far field, else around what is visible, in which lines start; null for all data
+  nearby() {
+    const { body_box: bodies, box } = this.facts ?? {}, own = bodies ?? this.box;
+    if (!own || !box) return null;
+    const sides = minus(own[1], own[0]), longest = Math.max(...sides);
+    const room = sides.map((side) => Math.max(NEARBY * side, LEAST_NEARBY * longest));
+    // without rounding next to zero
+    const rounded = (x) => (Math.abs(x) < 1e-12 * longest ? 0 : x);
+    const low = own[0].map((x, i) => rounded(Math.max(x - room[i], box[0][i]))), high = own[1].map((x, i) => rounded(Math.min(x + room[i], box[1][i])));
+    const isAll = low.every((x, i) => x === rounded(box[0][i]) && high[i] === rounded(box[1][i]));
+    return isAll ? null : [low, high];
   }
 
   // the axis closest to the viewing direction; of several, the one along which most is visible
@@ -394,12 +409,12 @@ class Controls {
   // one text of seeds as its kind and fields; other texts stay texts
   seeds(text, put, remove) {
     const [kind, ...parts] = /^\d+$/.test(text) ? ["random", text] : text.split(":");
-    const fields = SEEDS[kind], isKnown = fields && fields.length === parts.length;
+    const fields = SEEDS[kind], isKnown = fields && (fields.length === parts.length || (kind === "random" && parts.length === 1));
     const kinds = isKnown ? Object.keys(SEEDS) : [text, ...Object.keys(SEEDS)];
     const choice = this.choice(kinds, isKnown ? kind : text, (one) => put(this.seedText(one)), `elvis-${++counter}`);
     choice.ariaLabel = "kind of seeds";
     const gone = remove && make("button", { type: "button", title: "Remove these seeds", ariaLabel: "remove these seeds", onclick: remove }, "×");
-    const rows = (isKnown ? fields : []).map(([name, type], i) => this.seedField(name, type, parts[i], (next) => put([kind, ...parts.map((old, k) => (k === i ? next : old))].join(":"))));
+    const rows = (isKnown ? fields.slice(0, parts.length) : []).map(([name, type], i) => this.seedField(name, type, parts[i], (next) => put([kind, ...parts.map((old, k) => (k === i ? next : old))].join(":"))));
     return make("div", { className: "elvis-seeds" }, make("div", { className: "elvis-several" }, choice, ...(gone ? [gone] : [])), ...rows);
   }
 
@@ -417,7 +432,8 @@ class Controls {
   seedText(kind) {
     const middle = this.middle(), axis = this.axis(), aside = times(this.extent() / 4, [axis[1], axis[2], axis[0]]);
     const point = (place) => place.map((one) => Number(one.toPrecision(6))).join(",");
-    const texts = { random: "random:30", line: `line:${point(minus(middle, aside))}:${point(plus(middle, aside))}:20`, plane: `plane:${point(middle)}:${point(axis)}:10`,
+    const nearby = this.nearby(), random = nearby ? `random:30:${nearby.map(point).join(":")}` : "random:30";
+    const texts = { random, line: `line:${point(minus(middle, aside))}:${point(plus(middle, aside))}:20`, plane: `plane:${point(middle)}:${point(axis)}:10`,
       boundary: `boundary:${this.facts?.bodies?.[0] ?? this.facts?.boundaries?.[0] ?? "all"}:2`, point: `point:${point(middle)}`, elements: "elements" };
     return texts[kind] ?? kind;
   }
@@ -1770,8 +1786,10 @@ const SENSES = { "+x": "from the left, z upwards", "-x": "from the right, z upwa
 const SURFACES = { plane: "Plane", sphere: "Sphere", cylinder: "Cylinder", cone: "Cone", clip: "Plane" };
 const COLOUR = ["field", "palette", "range", "bar"];
 const LIGHT = ["lights", "ambient", "background", "samples"];
-const FIGURE = ["title", "axes", "scale_bar", "box", "outline", "texts", "font_size"];
+const FIGURE = ["title", "axes", "scale_bar", "box", "outline", "texts", "image", "font_size"];
 const STEP = Math.PI / 24;
+//: `wheelDelta` of one notch of a mouse's wheel; pixels of one, in browsers that do not report it
+const NOTCH = 120, LEAST_WHEEL = 50;
 //: diagonals of the picture above which that of the box around what is visible is deep
 const DEEP = 2;
 //: background of pictures on dark pages
@@ -2569,6 +2587,15 @@ function imageWithin(own, page) {
   return [left, top, ...own.map((side) => Math.round(side * scale))];
 }
 
+// Whether two fingers on a trackpad caused an event of the wheel.  A mouse's wheel turns by notches, which browsers report as
+// lines, or as multiples of 120 in `wheelDelta`; fingers move by any number of pixels, also sideways.
+function isOfTrackpad({ deltaMode, deltaX, deltaY, wheelDeltaX, wheelDeltaY }) {
+  if (deltaMode !== WheelEvent.DOM_DELTA_PIXEL) return false;
+  if (deltaX && deltaY) return true;
+  const notches = wheelDeltaX || wheelDeltaY;
+  return notches ? notches % NOTCH !== 0 : Math.abs(deltaX || deltaY) < LEAST_WHEEL;
+}
+
 class Viewer {
   constructor(model, el) {
     Object.assign(this, { model, table: {}, facts: null, picture: null, hidden: [], histograms: new Map(), waiting: new Map(), resting: [], mode: "turn", line: [], fingers: new Map() });
@@ -3101,12 +3128,15 @@ class Viewer {
   wheel(event) {
     event.preventDefault();
     if (!this.picture) return;
-    const [x, y] = this.place(event), [, , width, height] = this.picture.image;
+    const [x, y] = this.place(event), [, , width, height] = this.picture.image, ratio = this.density;
     // fingers on a trackpad that spread arrive as small steps with the control key
-    const factor = Math.exp(Math.max(-60, Math.min(60, event.deltaY)) / (event.ctrlKey ? 100 : 400));
+    const factor = Math.exp(Math.max(-60, Math.min(60, event.deltaY || event.deltaX)) / (event.ctrlKey ? 100 : 400));
+    // a gesture stays what it began as
+    if (!this.rolling) this.isPadded = !event.ctrlKey && isOfTrackpad(event);
     this.dragged = null;
     this.middle = null;
-    this.look((camera) => zoom(camera, factor, x - width / 2, y - height / 2, height), true);
+    this.look((camera) => (this.isPadded ? pan(camera, -event.deltaX * ratio, -event.deltaY * ratio, height)
+      : zoom(camera, factor, x - width / 2, y - height / 2, height)), true);
     clearTimeout(this.rolling);
     this.rolling = setTimeout(() => {
       this.rolling = 0;
@@ -3593,7 +3623,7 @@ class Viewer {
     const isPlane = this.facts.kind === "plane", dark = isPlane ? { style: { color: INK } } : {};
     // tubes as thick as suits what is visible: the whole data may be much larger
     const girth = isPlane ? { width: 1.5 } : { radius: Number((controls.extent() / TUBES).toPrecision(2)) };
-    if (kind === "streamlines") return this.add({ kind: "streamlines", seeds: ["random:30"], direction: "both", ...girth, ...dark });
+    if (kind === "streamlines") return this.add({ kind: "streamlines", seeds: [controls.seedText("random")], direction: "both", ...girth, ...dark });
     if (kind === "glyphs") return this.add({ kind: "glyphs", points: ["random:200"], ...dark });
     const [low, high] = await this.spread();
     const middle = (low + high) / 2;
