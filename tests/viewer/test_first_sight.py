@@ -1,15 +1,11 @@
 """The first picture of a wing shows its pressure; first streamlines start near it."""
 
-import asyncio
-
 import pytest
 from driving import add, settled
 
 from elvis import Scene, read
 from elvis.plugins.sample import write_sample
-from elvis.viewer.contents import wall_field
-from elvis.viewer.drawing_process import Source
-from elvis.viewer.session import Session
+from elvis.viewer.contents import first_sight, wall_field
 
 
 @pytest.mark.parametrize(
@@ -28,14 +24,10 @@ def test_walls_are_coloured_by_the_pressure_if_the_first_field_is_a_velocity(fie
 
 @pytest.mark.parametrize("field", ["", "v"])
 def test_a_field_that_is_given_stays(field):
-    async def shown():
-        session = Session(Scene(field), Source())
-        session._begin({"bodies": ["wing"], "body_size": 0.1, "wall_field": "p", "kind": "solid"})
-        return session.table
-
-    table = asyncio.run(shown())
-    assert table["field"] == (field or "p")
-    assert table["objects"] == [{"kind": "faces", "select": ["wing"]}]
+    facts = {"bodies": ["wing"], "body_size": 0.1, "wall_field": "p", "kind": "solid"}
+    table = first_sight(facts, bool(field))
+    assert table == {"objects": [{"kind": "faces", "select": ["wing"]}], **({} if field else {"field": "p"})}
+    assert first_sight({**facts, "kind": "plane"}, bool(field)) == {}
 
 
 @pytest.mark.thorough

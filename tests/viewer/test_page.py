@@ -184,7 +184,7 @@ ROLLED = """async () => {
   const { width, height } = elvis.canvas, { camera } = elvis.picture;
   const image = elvis.picture.image.slice(2);
   for (let step = 0; step < 3; step++) {
-    elvis.stage.dispatchEvent(new WheelEvent("wheel", { deltaY: 60, cancelable: true }));
+    elvis.stage.dispatchEvent(new WheelEvent("wheel", { deltaY: 120, cancelable: true }));
     const canvas = new OffscreenCanvas(...image);
     canvas.getContext("2d");
     const motion = { size: [0, 0], low: 0, high: 0, lines: [] }, picture = await createImageBitmap(canvas);

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from elvis.core.distances.boundaries import boundaries, names_of_boundaries
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 #: regions that a page lists, at most
 MAX_REGIONS = 200
+#: size of bodies relative to the data's box, above which the edges of the box are also shown
+LARGE_BODY = 0.3
 
 
 def contents_of(dataset: Dataset) -> dict[str, Any]:
@@ -62,6 +64,20 @@ def _regions(mesh: Mesh) -> dict[str, int]:
             name = composite.name or str(composite.id)
             found[name] = found.get(name, 0) + count
     return dict(list(found.items())[:MAX_REGIONS]) if len(found) > 1 else {}
+
+
+def first_sight(facts: Mapping[str, Any], has_field: bool) -> dict[str, Any]:
+    """Keys of the scene that shows only the bodies in a far field, coloured by the pressure; none without bodies.
+
+    has_field  whether the scene names its field
+    """
+    if not facts.get("bodies") or facts["kind"] != "solid":
+        return {}
+    pressure = facts["wall_field"]
+    field = {"field": pressure} if pressure and not has_field else {}
+    # a view that holds the box of a wide far field would show its body as a dot
+    box = {"box": True} if facts["body_size"] > LARGE_BODY else {}
+    return {**field, "objects": [{"kind": "faces", "select": facts["bodies"]}], **box}
 
 
 def wall_field(fields: Sequence[str]) -> str | None:

@@ -22,6 +22,7 @@ from elvis.scene.permissions import PICTURES
 from elvis.scene.tables import Table, input_files, table_of
 from elvis.scene.whole import Scene
 from elvis.viewer import messages
+from elvis.viewer.contents import first_sight
 from elvis.viewer.drawer import DiedError, Drawer
 from elvis.viewer.drawing_process import Process, Source
 from elvis.viewer.messages import AnyMessage, Message, Question, parsed
@@ -45,8 +46,6 @@ DEATHS = 3
 TRIALS = 2
 #: pixels of a picture each way
 LEAST, MOST = 64, 8192
-#: size of bodies relative to the data's box, above which the edges of the box are also shown
-LARGE_BODY = 0.3
 #: objects that can be hidden
 MOST_HIDDEN = 1000
 #: a scene's table, and the objects that are hidden: each its key and itself
@@ -462,16 +461,8 @@ class Session:
     def _begin(self, facts: Table) -> None:
         """Show only bodies if no objects are given and a far field would hide them, in colours of the pressure."""
         is_untouched = self.revision == 0 and not self._undo and self.table is self._start
-        has_bodies = facts.get("bodies") and facts["kind"] == "solid"
-        if not (is_untouched and has_bodies) or self.scene.every_object:
-            return
-        faces = {"kind": "faces", "select": facts["bodies"]}
-        # a view that holds the box of a wide far field would show its body as a dot
-        box = {"box": True} if facts["body_size"] > LARGE_BODY else {}
-        pressure = facts["wall_field"]
-        field = {"field": pressure} if pressure and not self.scene.field else {}
-        self.table = {**self.table, **field, "objects": [faces], **box}
-        self._start = self.table
+        if is_untouched and not self.scene.every_object:
+            self._start = self.table = {**self.table, **first_sight(facts, bool(self.scene.field))}
 
     async def _draw(self) -> None:
         """One picture; while something moves, and before there is any, a quick one, and a whole one after it."""
