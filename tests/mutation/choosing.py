@@ -7,6 +7,7 @@ import hashlib
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 from collections import defaultdict, deque
@@ -18,6 +19,22 @@ AREAS = ("formats", "plugins", "converters", "renderer", "reference")
 NOT_FOR_MUTANTS = ("house", "fuzz", "mutation", "benchmarks", "trials", "examples")
 #: test modules whose tests run for a line, and test modules that are searched for such tests, at most
 MODULES, SEARCHED = 4, 25
+
+
+#: a process that waits instead of computing ends after so many times its limit of processor seconds
+LONGEST_WAIT = 20.0
+
+
+def run_within(command: list[str], limit: float, **options) -> subprocess.CompletedProcess[str] | None:
+    """What a command returns; None if it, or a process that it starts, needs more processor seconds than the limit."""
+    limited = ["sh", "-c", 'ulimit -t "$0" && exec "$@"', str(round(limit)), *command]
+    try:
+        run = subprocess.run(
+            limited, capture_output=True, text=True, timeout=LONGEST_WAIT * limit, check=False, **options
+        )
+    except subprocess.TimeoutExpired:
+        return None
+    return None if run.returncode in (-signal.SIGXCPU, -signal.SIGKILL) else run
 
 
 class Imports:
@@ -100,7 +117,7 @@ class Touched:
         kept.mkdir(parents=True, exist_ok=True)
 
     def of(self, test: Path) -> dict[str, tuple[float, dict[str, list[int]]]]:
-        """Seconds and lines of each passing test of a module."""
+        """Processor seconds and lines of each passing test of a module."""
         name = "-".join(test.relative_to(self._root / "tests").with_suffix("").parts)
         stamp = hashlib.sha256(test.read_bytes()).hexdigest()[:12]
         target = self._kept / f"{name}.{stamp}.json"
@@ -114,15 +131,11 @@ class Touched:
         environment = os.environ | {"MUTATION_ROOT": str(self._root), "MUTATION_TOUCHED": str(target)}
         environment["PYTHONPATH"] = str(Path(__file__).parent)
         command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "touching", str(test)]
-        try:
-            subprocess.run(
-                command, cwd=self._root, env=environment, capture_output=True, timeout=self._limit, check=False
-            )
-        except subprocess.TimeoutExpired:
+        if run_within(command, self._limit, cwd=self._root, env=environment) is None:
             target.write_text("{}", encoding="utf-8")
 
     def running(self, test: Path, name: str, line: int) -> dict[str, float]:
-        """Seconds of the tests of a module that run a line; if it runs on import, of those that run any of its file."""
+        """Processor seconds of the tests of a module that run a line; if it runs on import, of those of its file."""
         known = self.of(test).items()
         if self._is_in_function(name, line):
             return {node: seconds for node, (seconds, of) in known if line in of.get(name, ())}
@@ -135,7 +148,7 @@ class Touched:
 
 
 def tests_for(imports: Imports, touched: Touched, path: Path, lines: range, budget: float) -> list[list[str]]:
-    """Groups of tests (one for each test module) that are to fail, within a budget of seconds."""
+    """Groups of tests (one for each test module) that are to fail, within a budget of processor seconds."""
     root = touched._root
     name = str(path.relative_to(root))
     groups = []

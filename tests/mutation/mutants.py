@@ -5,9 +5,10 @@ python tests/mutation/mutants.py --seed 1 --count 30 --margins      only lines t
 python tests/mutation/mutants.py --lines formats/elvis/core/x.py:12 all mutants of a line; x.py:12-40 of several
 python tests/mutation/mutants.py --under core/x.py --every --tests tests/formats/test_x.py   all mutants, these tests
 
-A mutant is one small change of one line, in a copy of the tree.  A failing test that runs the line kills it.  Up to
-``--seconds`` of tests run for it, from several test modules (choosing.py).  equivalent.txt lists equivalent mutants
-with reasons; they are not drawn.  The tool prints the survivors and a table of killed mutants by kind and slice.
+A mutant is one small change of one line, in a copy of the tree.  A failing test that runs the line kills it.  For each
+mutant, tests of up to ``--seconds`` of processor time run, from several test modules (choosing.py).  equivalent.txt
+lists equivalent mutants with reasons; they are not drawn.  The tool prints the survivors and a table of killed mutants
+by kind and slice.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from pathlib import Path
 from queue import SimpleQueue
 
 import pytest
-from choosing import AREAS, Imports, Touched, tests_for
+from choosing import AREAS, Imports, Touched, run_within, tests_for
 from operators import Mutation, mutations
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -44,7 +45,7 @@ MARGIN = re.compile(
 PREFERRED = re.compile(
     r"core/(bounds|mapping|quantities|validity|integrals|cores|differences|distances|polynomials)/|\.slang$"
 )
-#: a mutant may loop: after so many times the seconds of its tests, and a minute, it counts as killed
+#: a mutant may loop: after so many times the processor seconds of its tests, and a minute, it counts as killed
 PATIENCE = 5.0
 
 
@@ -94,7 +95,9 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--lines", nargs="*", help="FILE:LINE or FILE:FIRST-LAST: all mutants of these lines.")
     parser.add_argument("--every", action="store_true", help="All mutants instead of a sample.")
     parser.add_argument("--tests", nargs="*", help="Tests to run for each mutant instead of those chosen by coverage.")
-    parser.add_argument("--seconds", type=float, default=60.0, help="Seconds of tests for a mutant. [default: 60]")
+    parser.add_argument(
+        "--seconds", type=float, default=60.0, help="Processor seconds of tests for a mutant. [default: 60]"
+    )
     parser.add_argument("--jobs", type=int, default=1, help="Mutants at a time. [default: 1]")
     parser.add_argument("--list", action="store_true", help="Print the mutants and run nothing.")
     options = parser.parse_args()
@@ -232,11 +235,8 @@ class Runner:
         environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths), "PYTHONDONTWRITEBYTECODE": "1"}
         command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "--tb=no", *tests]
         limit = 60.0 + PATIENCE * self._budget
-        try:
-            run = subprocess.run(
-                command, cwd=root, env=environment, capture_output=True, text=True, timeout=limit, check=False
-            )
-        except subprocess.TimeoutExpired:
+        run = run_within(command, limit, cwd=root, env=environment)
+        if run is None:
             return f"more than {limit:.0f} s: {tests[0]} …"
         # a test of the map that is no longer there is no failure
         is_missing = run.returncode == pytest.ExitCode.USAGE_ERROR and "not found: " in run.stdout + run.stderr

@@ -1,4 +1,4 @@
-"""A plugin for pytest: writes the lines of ElVis that each test runs, and its seconds.
+"""A plugin for pytest: writes the lines of ElVis that each test runs, and its processor seconds.
 
 ``pytest -p touching`` with ``MUTATION_TOUCHED`` (a JSON file) and ``MUTATION_ROOT`` in the environment.  Python reports
 each line of each code object once a test (PEP 669), so the tests take about as long as without.
@@ -17,6 +17,8 @@ TOOL = sys.monitoring.COVERAGE_ID
 ROOT = os.environ["MUTATION_ROOT"].rstrip("/") + "/"
 touched: dict[str, dict[str, list[int]]] = {}
 seconds: dict[str, float] = {}
+#: tests that failed or were skipped
+without: set[str] = set()
 lines = defaultdict(set)
 
 
@@ -38,21 +40,24 @@ def pytest_configure():
 def pytest_runtest_protocol(item):
     lines.clear()
     sys.monitoring.restart_events()
+    before = processor_seconds()
     result = yield
     touched[item.nodeid] = {name: sorted(of) for name, of in lines.items()}
+    seconds[item.nodeid] = processor_seconds() - before
     return result
 
 
+def processor_seconds():
+    """Seconds of all threads, and of the processes that have ended."""
+    return sum(os.times()[:4])
+
+
 def pytest_runtest_logreport(report):
-    if report.passed:
-        seconds[report.nodeid] = seconds.get(report.nodeid, 0.0) + report.duration
-    elif report.nodeid in seconds or report.failed or report.skipped:
-        seconds[report.nodeid] = float("inf")
+    if not report.passed:
+        without.add(report.nodeid)
 
 
 def pytest_sessionfinish():
-    passed = {
-        node: [seconds[node], of] for node, of in touched.items() if seconds.get(node, float("inf")) < float("inf")
-    }
+    passed = {node: [seconds[node], of] for node, of in touched.items() if node not in without}
     with open(os.environ["MUTATION_TOUCHED"], "w", encoding="utf-8") as file:
         json.dump(passed, file)
