@@ -34,7 +34,7 @@ class KernelFunctions:
         text = kernel.read_text(encoding="utf-8").replace(f"module {name};", f"module {name}_check;", 1)
         folder = folder / f"{name}_{zlib.crc32(exports.encode()):08x}"
         folder.mkdir()
-        for module in ("rows", "polynomial_volume"):
+        for module in ("rows", "polynomial_volume", "curve_cases"):
             (folder / f"{module}.slang").write_bytes((HERE / f"{module}.slang").read_bytes())
         check, stage = HERE / f"{name}_check.slang", name
         if check.exists():
@@ -59,6 +59,14 @@ class KernelFunctions:
 
     def run(self, items, result, size, **given):
         """The first numbers of an array of the kernel, after it has run with all of these."""
+        return self._run(items, [result], given)[result].view(np.float64)[:size].copy()
+
+    def results(self, items, names, /, *, groups=False, **given):
+        """Arrays of the kernel by name, after it has run with all of these: each item for a thread or a whole group."""
+        found = self._run(items, names, given, groups)
+        return {name: found[name].view(given[name].dtype)[: given[name].size].copy() for name in names}
+
+    def _run(self, items, names, given, groups=False):
         import slangpy
 
         scalars = {name for name, kind in self._kernel._needed.items() if kind == slangpy.TypeReflection.Kind.scalar}
@@ -67,8 +75,8 @@ class KernelFunctions:
         buffers = {
             name: array if name in scalars else self._device.buffer(np.asarray(array)) for name, array in given.items()
         }
-        self._kernel(items, {**unused, **buffers})
-        return self._device.read(buffers[result], np.float64)[:size].copy()
+        self._kernel(items, {**unused, **buffers}, groups=groups)
+        return {name: self._device.read(buffers[name], np.uint8) for name in names}
 
 
 def rows_of(count, columns):
