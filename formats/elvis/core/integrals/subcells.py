@@ -58,6 +58,15 @@ def subcell_map(shape: Shape, cell: Ints, places: Floats) -> tuple[Floats, Float
     return uncollapse(shape, points), _unfolding(points) @ columns
 
 
+def subcell_points(shape: Shape, cell: int, places: Floats) -> Floats:
+    """Reference points (n, d) at places (n, d) in [0, 1]^d of one cell."""
+    products = np.ones((1, len(places)))
+    for own in places.T:
+        products = _alternating(products, products * own)
+    points = row_products(products.T, _coefficients(shape)[cell])
+    return uncollapse(shape, points) if shape is Shape.PYRAMID else points
+
+
 @cache
 def _coefficients(shape: Shape) -> Floats:
     """(cells, 2^d, d) of the maps, by the products of the coordinates of a cell, the last one fastest."""

@@ -4,24 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.integrals.subcells import subcell_map
+from elvis.core.integrals.subcells import subcell_map, subcell_points
 from elvis.core.mapping.orientation import chunks
 from elvis.core.quantities.element_points import ElementPoints
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
-from elvis.core.triangles.level_cells import CellBoxes
+from elvis.core.triangles.cell_boxes import CellBoxes
 from elvis.core.wall_curves.chains import places_by_number
 
-#: corners of a box, each with its place by bits, and its middle, in halves of the box
-OFFSETS = np.array([[2 * (k >> axis & 1) for axis in range(3)] for k in range(8)] + [[1, 1, 1]])
 #: points that are evaluated at a time
 _AT_ONCE = 1 << 15
 #: tolerance for values in elements that share a corner to count as one, relative to the largest
-_SAME_VALUE = 1e-9
+SAME_VALUE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,45 +46,38 @@ class Cells:
     evaluator: Evaluator
     boxes: Sequence[CellBoxes]
 
-    def corners(self) -> tuple[CellPlaces, Ints]:
-        """The corners and middles of all boxes, once in each cell, and their numbers (boxes, 9)."""
-        found, numbers, start = [], [], 0
-        for group, own in enumerate(self.boxes):
-            counts = 2 * own.counts
-            lattice = 2 * own.index[:, None, :] + OFFSETS
-            rows = np.repeat(own.rows, len(OFFSETS))
-            flat = np.column_stack([rows, lattice.reshape(-1, 3)])
-            key = np.ravel_multi_index(tuple(flat.T), (int(rows.max()) + 1, *(counts + 1)))
-            _, first, which = np.unique(key, return_index=True, return_inverse=True)
-            found.append(CellPlaces(np.full(len(first), group), flat[first, 0], flat[first, 1:] / counts))
-            numbers.append(start + which.reshape(-1, len(OFFSETS)))
-            start += len(first)
-        arrays = [np.concatenate(own) for own in zip(*((p.group, p.row, p.place) for p in found), strict=True)]
-        return CellPlaces(*arrays), np.concatenate(numbers)
-
     def points(self, places: CellPlaces) -> Iterator[tuple[Ints, ElementPoints, Floats]]:
         """Which of the places, as points of elements, with the derivatives (k, 3, 3) of cells' maps to elements."""
-        for group in np.unique(places.group).tolist():
-            here = np.flatnonzero(places.group == group)
-            block = self.boxes[group]
-            patch = self.evaluator.patches[block.patch]
-            for some in chunks(len(here), _AT_ONCE):
-                own = here[some]
-                cell = np.full(len(own), block.cell)
-                reference, columns = subcell_map(block.shape, cell, places.place[own])
-                yield own, ElementPoints(patch, places.row[own], reference), columns
+        for block, own in self._chunks(places):
+            cell = np.full(len(own), block.cell)
+            reference, columns = subcell_map(block.shape, cell, places.place[own])
+            yield own, ElementPoints(self.evaluator.patches[block.patch], places.row[own], reference), columns
+
+    def _chunks(self, places: CellPlaces) -> Iterator[tuple[CellBoxes, Ints]]:
+        """Rows of places in the cells of each group."""
+        order = np.argsort(places.group, kind="stable")
+        ends = np.searchsorted(places.group[order], np.arange(len(self.boxes) + 1))
+        for block, (start, stop) in zip(self.boxes, pairwise(ends.tolist()), strict=True):
+            here = order[start:stop]
+            yield from ((block, here[some]) for some in chunks(len(here), _AT_ONCE))
+
+    def _plain_points(self, places: CellPlaces) -> Iterator[tuple[Ints, ElementPoints]]:
+        """Which of the places, as points of elements."""
+        for block, own in self._chunks(places):
+            reference = subcell_points(block.shape, block.cell, places.place[own])
+            yield own, ElementPoints(self.evaluator.patches[block.patch], places.row[own], reference)
 
     def positions(self, places: CellPlaces) -> Floats:
         """(n, 3) world coordinates."""
         found = np.empty((len(places), 3))
-        for here, points, _ in self.points(places):
+        for here, points in self._plain_points(places):
             found[here] = points.positions
         return found
 
     def values(self, places: CellPlaces, expressions: Sequence[Expression]) -> Floats:
         """(k, n) values of expressions."""
         found = np.empty((len(expressions), len(places)))
-        for here, points, _ in self.points(places):
+        for here, points in self._plain_points(places):
             for column, own in enumerate(self.evaluator.values_at(expressions, points)):
                 found[column, here] = own
         return found
@@ -104,7 +96,7 @@ def shared_numbers(points: Floats, values: Floats, scale: float) -> Ints:
     order = np.lexsort([values, places])
     is_new = np.ones(len(order), bool)
     same_place = np.diff(places[order]) == 0
-    is_new[1:] = ~same_place | (np.diff(values[order]) > _SAME_VALUE * scale)
+    is_new[1:] = ~same_place | (np.diff(values[order]) > SAME_VALUE * scale)
     found = np.empty(len(order), np.int64)
     found[order] = np.cumsum(is_new) - 1
     return found

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -40,14 +40,11 @@ _HIGHER = (0, 4, 8)
 ROUNDING = 1e-13
 #: second derivatives that count as rounding, relative to their terms
 _FLAT = 1e-12
-#: halvings after which numbers of boxes without a bound are compared, and the ratios that they have at points or lines
-_LEVELS_ALIKE, _LEAST_RATIO, _MOST_RATIO = 4, 0.6, 2.5
-#: maximum number of boxes examined together, and maximum bisections of cells
-_MOST_BOXES, _MOST_HALVINGS = 1 << 17, 12
-#: elements of a block at most, and boxes that are bisected at a time
-_ELEMENTS, _AT_ONCE = 128, 1 << 12
-#: factor by which numbers of boxes may seem larger at first than in the end
-_SLACK = 64
+#: elements of a block at most
+_ELEMENTS = 128
+#: products of the extents of tetrahedra in a box, which are those of the box but for one, half of it
+_EXTENTS = 1 - np.eye(3) / 2
+_PRODUCTS = _EXTENTS[:, :, None] * _EXTENTS[:, None, :]
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +78,13 @@ class CellBlock:
         own = {name: getattr(self, name)[chosen] for name in ("rows", "index", "levels", "maps", "slack")}
         return replace(self, **own)
 
+    @staticmethod
+    def joined(parts: Sequence[CellBlock]) -> CellBlock:
+        """The boxes of several blocks of the same cells."""
+        names = ("rows", "index", "levels", "maps", "slack")
+        own: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+        return replace(parts[0], **own)
+
     def halved(self, axes: Sequence[int] = (0, 1, 2)) -> CellBlock:
         """The halves of each box in some directions that may have a zero."""
         rows, index, levels, maps, slack = self.rows, self.index, self.levels, self.maps, self.slack
@@ -93,25 +97,6 @@ class CellBlock:
         near = ~_has_one_sign(levels, slack)
         whole = replace(self, rows=rows, index=index, levels=levels, maps=maps, slack=slack)
         return whole.take(near)
-
-
-@dataclass(frozen=True, eq=False)
-class CellBoxes:
-    """Boxes of one cell of elements of a patch.
-
-    rows    (n,) of the patch
-    index   (n, 3) counts boxes of their size from the cell's corner
-    counts  (3,) boxes of a cell in each direction
-    bounds  (n,) how far triangles are from the surface there at most
-    """
-
-    patch: int
-    shape: Shape
-    cell: int
-    rows: Ints
-    index: Ints
-    counts: Ints
-    bounds: Floats
 
 
 def first_halvings(shape: Shape, is_mixed: bool) -> tuple[int, int, int]:
@@ -234,74 +219,21 @@ def _has_one_sign(nets: Floats, slack: Floats) -> Bools:
     return np.asarray((flat.min(axis=1) > band) | (flat.max(axis=1) < -band))
 
 
-def boxes_at(block: CellBlock, depth: int) -> CellBoxes:
-    """The boxes of a depth that may have a zero; some at a time are bisected, so that few nets are held."""
-    rows, indices, bounds = [np.empty(0, np.int64)], [np.empty((0, 3), np.int64)], [np.empty(0)]
-    waiting = [(block, 0)]
-    while waiting:
-        own, halvings = waiting.pop()
-        if halvings < depth:
-            waiting += [(own.take(some).halved(), halvings + 1) for some in chunks(len(own.rows), _AT_ONCE)]
-        elif len(own.rows):
-            rows.append(own.rows)
-            indices.append(own.index)
-            bounds.append(distance_bounds(own))
-    counts = 1 << (np.array(block.splits) + depth)
-    arrays = np.concatenate(rows), np.concatenate(indices), counts, np.concatenate(bounds)
-    return CellBoxes(block.patch, block.shape, block.cell, *arrays)
-
-
-def halvings_needed(block: CellBlock, tolerance: float) -> int:
-    """How many halvings of cells take triangles to a tolerance, wherever more of them help.
-
-    Boxes at points where the gradient or the Jacobian vanishes stay without a bound: those are as many after each
-    halving, or more, where others become fewer.  Raises ElvisError if too many boxes are needed.
-    """
-    counts = list[int]()
-    for depth in range(_MOST_HALVINGS + 1):
-        if not len(block.rows):
-            return 0
-        bound = distance_bounds(block)
-        is_far = bound > tolerance
-        counts.append(int((is_far & ~_is_regular(block)).sum()))
-        if not is_far.any() or (counts[-1] == is_far.sum() and _stay(counts)):
-            return depth
-        # bounds decrease with the square of the size of boxes, and the number of boxes on a surface increases with it
-        foreseen = float((bound[is_far & np.isfinite(bound)] / tolerance).sum())
-        if is_far.sum() * 8 > _MOST_BOXES or foreseen > _SLACK * _MOST_BOXES:
-            break
-        block = block.take(is_far).halved()
-    raise ElvisError(f"expected a tolerance that some millions of triangles reach, found {tolerance:g}")
-
-
-def _stay(counts: Sequence[int]) -> bool:
-    """Whether numbers of boxes without a bound, after each halving, are those at points or lines.
-
-    Boxes at a surface become four times as many, or fewer once slopes have bounds; at a point they stay as many, at a
-    line they become twice as many.
-    """
-    last = counts[-_LEVELS_ALIKE:]
-    ratios = [after / before for before, after in pairwise(last) if before]
-    return len(ratios) == _LEVELS_ALIKE - 1 and all(_LEAST_RATIO <= ratio <= _MOST_RATIO for ratio in ratios)
-
-
-def distance_bounds(block: CellBlock) -> Floats:
+def distance_bounds(block: CellBlock) -> tuple[Floats, Bools]:
     """(n,) maximum distance from the surface of triangles whose corners are zeros on edges in each box.
+
+    Also whether slopes have bounds in boxes, so that distances fall with their size.
 
     With the world gradient G at the centre of the box, q = G . x + r, and the gradient of r vanishes there.  A flat
     triangle, whose corners are zeros, satisfies q(X) = r(X) - sum l_k r_k at a point X = sum l_k x_k.  Second
-    derivatives bound that: on a simplex of extents 1, sum_k l_k |v_k - p|_i |v_k - p|_j <= 1/4.  X itself differs from
-    the place of these weights by the curvature of the map.  The increase of q along G is at least |G|, minus the effect
-    of r.
+    derivatives bound that: on a simplex of extents e, sum_k l_k |v_k - p|_i |v_k - p|_j <= e_i e_j / 4.  X itself
+    differs from the place of these weights by the curvature of the map.  The increase of q along G is at least |G|,
+    minus the effect of r.
     """
     flat = block.maps.reshape(len(block.maps), 3, -1)
     diagonal = np.linalg.norm(np.ptp(flat, axis=2), axis=1)
-    return np.fmin(_bounds(block), diagonal)
-
-
-def _is_regular(block: CellBlock) -> Bools:
-    """(n,) whether slopes have bounds in boxes, so that distances fall with their size."""
-    return np.isfinite(_bounds(block))
+    found = _bounds(block)
+    return np.fmin(found, diagonal), np.isfinite(found)
 
 
 def _bounds(block: CellBlock) -> Floats:
@@ -336,11 +268,11 @@ def _bound(inverse: Floats, gradient: Floats, bends: Floats, map_bends: Floats, 
         more = np.where(turn < 1, turn / (1 - turn), np.inf)
         slope = np.linalg.norm(gradient, axis=1)
         steepness = bends.sum(axis=2) / 2
-        shift = grown(map_bends.sum(axis=(2, 3)) / 8, more)
         step = grown(np.abs(np.einsum("nic,nc->ni", inverse, gradient)) / slope[:, None], more)
-        error = bends.sum(axis=(1, 2)) / 8 + (steepness * shift).sum(axis=1) + 2 * slack
         least = slope - (steepness * step).sum(axis=1)
-        return np.where((turn < 1) & (least > 0), error / least, np.inf)
+        shift = grown(np.einsum("ncij,kij->knc", map_bends, _PRODUCTS / 8).max(axis=0), more)
+        error = np.einsum("nij,kij->kn", bends, _PRODUCTS / 8).max(axis=0) + (steepness * shift).sum(axis=1)
+        return np.where((turn < 1) & (least > 0), (error + 2 * slack) / least, np.inf)
 
 
 def grown(vectors: Floats, more: Floats) -> Floats:
@@ -373,11 +305,12 @@ def second_derivatives(nets: Floats) -> Floats:
     d = nets.ndim - 1
     found = np.zeros((len(nets), d, d))
     for i in range(d):
+        once = nets.shape[1 + i] - 1
+        slopes = np.diff(nets, axis=1 + i)
         for j in range(i, d):
-            once = nets.shape[1 + i] - 1
-            again = nets.shape[1 + j] - 1 - (i == j)
+            again = slopes.shape[1 + j] - 1
             if once and again > 0:
-                twice = np.diff(np.diff(nets, axis=1 + i), axis=1 + j)
-                largest = np.abs(twice).reshape(len(nets), -1).max(axis=1)
+                twice = np.diff(slopes, axis=1 + j).reshape(len(nets), -1)
+                largest = np.maximum(twice.max(axis=1), -twice.min(axis=1))
                 found[:, i, j] = found[:, j, i] = once * again * largest
     return found

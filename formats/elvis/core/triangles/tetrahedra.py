@@ -1,71 +1,63 @@
-"""Boxes as tetrahedra, and the triangles in these between corners of either sign.
+"""Triangles in tetrahedra between corners with values of either sign.
 
-Each face of a box is cut by the diagonal from its corner with the lowest number, and each half is a tetrahedron with
-the middle of the box.  (Marching tetrahedra: Doi and Koide 1991, An efficient method of triangulating equi-valued
-surfaces by using tetrahedral cells.)
+Marching tetrahedra: Doi and Koide 1991, An efficient method of triangulating equi-valued surfaces by using tetrahedral
+cells.
 """
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.triangles.cell_places import OFFSETS
+from elvis.core.arrays import Bools, Floats, Ints, frozen_ints
 
-#: corners around each face of a box
-_FACES = np.array([[0, 2, 6, 4], [1, 3, 7, 5], [0, 1, 5, 4], [2, 3, 7, 6], [0, 1, 3, 2], [4, 5, 7, 6]])
-_MIDDLE = 8
+#: corners of a tetrahedron whose edges from the first corner are right-handed
+_CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 
 
-def tetrahedra(numbers: Ints) -> Ints:
-    """(n, 12, 4) corners, 0 to 8, of the tetrahedra of boxes whose corners and middles have numbers (n, 9)."""
-    count = len(numbers)
-    faces = numbers[:, _FACES]
-    first = faces.argmin(axis=2)
-    around = (first[:, :, None] + np.arange(4)) % 4
-    turned = np.take_along_axis(np.broadcast_to(_FACES, (count, 6, 4)), around, axis=2)
-    halves = np.concatenate([turned[:, :, [0, 1, 2]], turned[:, :, [0, 2, 3]]], axis=1)
-    return np.concatenate([halves, np.full((count, 12, 1), _MIDDLE)], axis=2)
+def triangles_between(is_high: Bools) -> tuple[Ints, Ints]:
+    """Rows (m,) and triangles (m, 3, 2) of right-handed tetrahedra with corners (n, 4) that are high or not.
 
-
-def triangles_between(corners: Ints, is_high: Bools) -> tuple[Ints, Ints]:
-    """Tetrahedra (m,) and triangles (m, 3, 2) between corners of tetrahedra (n, 4) that are high and the other corners.
-
-    A triangle has its corners on edges, each given by the two corners of the box that it joins; it goes
-    counter-clockwise seen from the high corners, in the coordinates of the box.
+    Each corner of a triangle lies on the edge between two of the corners 0 to 3.  Triangles are counter-clockwise seen
+    from high corners.
     """
-    count = is_high.sum(axis=1)
-    rows, made = [], []
-    for single in (True, False):
-        here = np.flatnonzero(count == (1 if single else 3))
-        tip = (is_high[here] == single).argmax(axis=1)
-        own = corners[here]
-        others = np.stack([own[np.arange(len(here)), (tip + k) % 4] for k in (1, 2, 3)], axis=1)
-        tips = np.broadcast_to(own[np.arange(len(here)), tip][:, None], others.shape)
+    case = is_high @ (1 << np.arange(4))
+    rows, triangles = [], []
+    for own in _TRIANGLES.transpose(1, 0, 2, 3):
+        here = np.flatnonzero(own[case, 0, 0] >= 0)
         rows.append(here)
-        made.append(np.stack([tips, others], axis=2))
-    here = np.flatnonzero(count == 2)
-    order = np.argsort(~is_high[here], axis=1, kind="stable")
-    a, b, c, d = np.take_along_axis(corners[here], order, axis=1).T
-    quad = np.stack([np.stack(pair, axis=1) for pair in ((a, c), (a, d), (b, d), (b, c))], axis=1)
-    rows += [here, here]
-    made += [quad[:, [0, 1, 2]], quad[:, [0, 2, 3]]]
-    row, triangles = np.concatenate(rows), np.concatenate(made)
-    return row, _turned(triangles, corners[row], is_high[row])
+        triangles.append(own[case[here]])
+    return np.concatenate(rows), np.concatenate(triangles)
 
 
-def _turned(triangles: Ints, corners: Ints, is_high: Bools) -> Ints:
-    """Triangles counter-clockwise seen from high corners; middles of edges stand for their corners."""
-    middle = OFFSETS[triangles].sum(axis=2)
-    normal = np.cross(middle[:, 1] - middle[:, 0], middle[:, 2] - middle[:, 0])
-    places = OFFSETS[corners]
-    high = is_high[:, :, None]
-    way = _mean(places, high) - _mean(places, ~high)
-    is_wrong = np.einsum("ni,ni->n", normal, way) < 0
-    triangles = triangles.copy()
-    triangles[is_wrong] = triangles[is_wrong][:, ::-1]
-    return triangles
+def _table() -> Ints:
+    """(16, 2, 3, 2) triangles of each case, numbered by the bits of high corners; -1 where there are none."""
+    found = np.full((16, 2, 3, 2), -1)
+    for bits in product((False, True), repeat=4):
+        is_high = np.array(bits)
+        case = int(is_high @ (1 << np.arange(4)))
+        for number, triangle in enumerate(_of_case(np.flatnonzero(is_high), np.flatnonzero(~is_high))):
+            found[case, number] = _turned(triangle, is_high)
+    return frozen_ints(found)
 
 
-def _mean(places: Ints, chosen: Bools) -> Floats:
-    return np.asarray((places * chosen).sum(axis=1) / chosen.sum(axis=1))
+def _of_case(high: Ints, low: Ints) -> list[Ints]:
+    """The triangles (3, 2) between corners, in some order."""
+    if len(high) == 2:
+        (a, b), (c, d) = high, low
+        around = np.array([(a, c), (a, d), (b, d), (b, c)])
+        return [around[[0, 1, 2]], around[[0, 2, 3]]]
+    edges = np.array(list(product(high, low)))
+    return [edges] if len(edges) else []
+
+
+def _turned(triangle: Ints, is_high: Bools) -> Ints:
+    """A triangle counter-clockwise seen from high corners."""
+    middles: Floats = _CORNERS[triangle].mean(axis=1)
+    normal = np.cross(middles[1] - middles[0], middles[2] - middles[0])
+    way = _CORNERS[is_high].mean(axis=0) - _CORNERS[~is_high].mean(axis=0)
+    return triangle if normal @ way > 0 else triangle[::-1]
+
+
+_TRIANGLES = _table()

@@ -1,8 +1,8 @@
 """Triangles of the surface q = 0: boxes that may meet it, cut into tetrahedra, with zeros on their edges.
 
-All cells are bisected equally often, until bounds show that triangles are within the tolerance.  Corners that elements
-share have one number, so neighbours cut their common face alike and share its edges; on an edge whose ends differ in
-sign the zero is found to rounding.  Triangles then meet along common edges wherever q is continuous.
+Each box is bisected until bounds show that its triangles are within the tolerance.  Corners that elements share have
+one number, so boxes cut their common faces alike and share the edges of these; on an edge whose ends differ in sign the
+zero is found to rounding.  Triangles then meet along common edges wherever q is continuous.
 """
 
 from __future__ import annotations
@@ -20,19 +20,18 @@ from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.tree import Node, call, number, world_derivative
 from elvis.core.shapes import Shape
-from elvis.core.triangles.cell_places import CellPlaces, Cells, shared_numbers
-from elvis.core.triangles.level_cells import (
-    ROUNDING,
-    CellBlock,
-    boxes_at,
-    cell_blocks,
-    halvings_needed,
-)
+from elvis.core.triangles.box_nodes import BoxNodes
+from elvis.core.triangles.cell_boxes import refined
+from elvis.core.triangles.cell_places import CellPlaces, Cells
+from elvis.core.triangles.conforming_boxes import conforming_tetrahedra
+from elvis.core.triangles.level_cells import CellBlock, cell_blocks
 from elvis.core.triangles.surface_triangles import SurfaceTriangles, default_tolerance
-from elvis.core.triangles.tetrahedra import tetrahedra, triangles_between
+from elvis.core.triangles.tetrahedra import triangles_between
 
-#: steps of the search for a zero on an edge, and the change at which it ends
-_STEPS, _STILL = 80, 2e-16
+#: steps of the search for a zero on an edge
+_STEPS = 80
+#: shares of the edge at which it ends: the last change, and the next one
+_STILL, _STEP = 2e-16, 1e-15
 
 
 def level_triangles(
@@ -63,7 +62,7 @@ def level_triangles(
     named = dict(zip(quantities, own, strict=True))
     positions = cells.positions(points)
     is_bound = all(block.is_exact for block in blocks)
-    bounds = np.concatenate([own.bounds for own in cells.boxes])
+    bounds = np.concatenate([own.leaves.bounds for own in cells.boxes])
     distance = float(bounds.max())
     found = SurfaceTriangles(positions, triangles, np.zeros_like(positions), named, distance, is_bound)
     normals = _units(values[: len(gradient)].T) if gradient else _means(found)
@@ -99,9 +98,7 @@ def _without_root(root: Node) -> Node:
 
 def cells_within(evaluator: Evaluator, blocks: Sequence[CellBlock], tolerance: float) -> Cells:
     """The boxes whose triangles are within the tolerance, wherever bounds show that."""
-    depth = max((halvings_needed(block, tolerance) for block in blocks), default=0)
-    boxes = [boxes_at(block, depth) for block in blocks]
-    return Cells(evaluator, [own for own in boxes if len(own.index)])
+    return Cells(evaluator, refined(blocks, tolerance))
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,8 +107,8 @@ class Marched:
 
     nodes      (n,) corners of triangles
     triangles  (m, 3) rows of these
-    corners    of boxes
-    numbers    (m, 3, 2) the corners of the box of each triangle between which each of its corners lies
+    corners    nodes of boxes
+    numbers    (m, 3, 2) the nodes of the box of each triangle between which each of its corners lies
     shares     (m, 3) where it lies between the two
     """
 
@@ -132,41 +129,27 @@ def march(cells: Cells, level: Expression, surface: str) -> Marched:
 
 def _marched(cells: Cells, level: Expression) -> Marched:
     """Points on the surface, and triangles of these."""
-    corners, numbers = cells.corners()
-    ids, values = _shared_values(cells, level, corners, numbers)
+    nodes = BoxNodes(cells, level)
+    box, tetrahedra = conforming_tetrahedra(nodes)
+    places = nodes.places(nodes.keys)
+    row, edges = triangles_between(nodes.values[nodes.numbers[tetrahedra]] >= 0)
 
-    # triangles by the corners of boxes, turned where the map from the box is left-handed
-    is_high = values >= 0
-    mixed = np.flatnonzero(np.ptp(is_high[ids].astype(np.int8), axis=1))
-    tets = tetrahedra(ids[mixed]).reshape(-1, 4)
-    box = np.repeat(mixed, 12)
-    row, edges = triangles_between(tets, is_high[ids[box[:, None], tets]])
-    box = box[row]
-    is_left = cells.orientations(corners.take(numbers[mixed, -1])) < 0
-    turned = np.isin(box, mixed[is_left])
-    edges[turned] = edges[turned][:, ::-1]
+    # triangles by the nodes of boxes, turned where the map from the box is left-handed
+    _, first, which = np.unique(box, return_index=True, return_inverse=True)
+    is_left = cells.orientations(places.take(tetrahedra[first, 0])) < 0
+    numbers = tetrahedra[row[:, None, None], edges]
+    turned = is_left[which[row]]
+    numbers[turned] = numbers[turned][:, ::-1]
 
-    own = ids[box[:, None, None], edges]
-    kept, triangles, chosen = _nodes(own, values == 0)
-    ends = edges.reshape(-1, 2)[chosen]
-    owner = np.repeat(box, 3)[chosen]
-    start, stop = (corners.take(numbers[owner, ends[:, k]]) for k in (0, 1))
-    pair = values[ids[owner[:, None], ends]]
-    nodes, t = _on_edges(cells, level, start, stop, pair)
+    own = nodes.numbers[numbers]
+    kept, triangles, chosen = _nodes(own, nodes.values == 0)
+    ends = numbers.reshape(-1, 2)[chosen]
+    start, stop = (places.take(ends[:, k]) for k in (0, 1))
+    points, t = _on_edges(cells, level, start, stop, nodes.values[nodes.numbers[ends]])
 
-    shares = _own_shares(own[kept], values, ids[owner, ends[:, 0]][triangles], t[triangles])
-    own_corners = numbers[box[kept][:, None, None], edges[kept]]
-    return Marched(nodes, triangles, corners, own_corners, shares)
-
-
-def _shared_values(cells: Cells, level: Expression, corners: CellPlaces, numbers: Ints) -> tuple[Ints, Floats]:
-    """Numbers of the corners of boxes, the same where elements share a corner, and the values there."""
-    values = cells.values(corners, [level])[0]
-    scale = float(np.abs(values).max(initial=0.0)) or 1.0
-    values[np.abs(values) <= ROUNDING * scale] = 0.0
-    shared = shared_numbers(cells.positions(corners), values, scale)
-    first = np.unique(shared, return_index=True)[1]
-    return shared[numbers], values[first]
+    starts = nodes.numbers[ends[:, 0]]
+    shares = _own_shares(own[kept], nodes.values, starts[triangles], t[triangles])
+    return Marched(points, triangles, places, numbers[kept], shares)
 
 
 def _own_shares(edges: Ints, values: Floats, starts: Ints, shares: Floats) -> Floats:
@@ -189,7 +172,7 @@ def _nodes(edges: Ints, is_zero: Ints) -> tuple[Ints, Ints, Ints]:
     for end in (0, 1):
         here = is_zero[keys[:, end]]
         keys[here, 1 - end] = keys[here, end]
-    _, first, flat = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    _, first, flat = np.unique(keys @ [len(is_zero), 1], return_index=True, return_inverse=True)
     triangles = flat.reshape(-1, 3)
     kept = np.flatnonzero((triangles != np.roll(triangles, 1, axis=1)).all(axis=1))
     used, flat = np.unique(triangles[kept], return_inverse=True)
@@ -215,27 +198,49 @@ def _zeros(function: Callable[[Ints, Floats], Floats], first: Floats, last: Floa
 
     False position that halves the value of an end which stays twice: Dowell and Jarratt 1971, A modified regula falsi.
     """
-    low, high, f_low, f_high = np.zeros_like(first), np.ones_like(last), first.copy(), last.copy()
+    brackets = _Brackets(first, last)
     found = np.where(first == 0, 0.0, 1.0)
     open_rows = np.flatnonzero((first != 0) & (last != 0))
-    stayed = np.zeros(len(first), np.int64)
     for _ in range(_STEPS):
-        a, b, fa, fb = low[open_rows], high[open_rows], f_low[open_rows], f_high[open_rows]
-        guess = (a * fb - b * fa) / (fb - fa)
-        guess = np.where((guess > a) & (guess < b), guess, (a + b) / 2)
+        guess = brackets.guess(open_rows)
         value = function(open_rows, guess)
-        is_low = (value < 0) == (fa < 0)
-        low[open_rows], high[open_rows] = np.where(is_low, guess, a), np.where(is_low, b, guess)
-        halved = stayed[open_rows] == np.where(is_low, 1, -1)
-        f_low[open_rows] = np.where(is_low, value, np.where(halved, fa / 2, fa))
-        f_high[open_rows] = np.where(is_low, np.where(halved, fb / 2, fb), value)
-        stayed[open_rows] = np.where(is_low, 1, -1)
-        is_still = (value == 0) | (np.abs(guess - found[open_rows]) <= _STILL) | (b - a <= _STILL)
+        last_step = np.abs(guess - found[open_rows])
         found[open_rows] = guess
-        open_rows = open_rows[~is_still]
+        next_step, width = brackets.narrow(open_rows, guess, value)
+        open_rows = open_rows[(next_step > _STEP) & (last_step > _STILL) & (width > _STILL)]
         if not len(open_rows):
             break
     return found
+
+
+class _Brackets:
+    """Ends (n,) of intervals in [0, 1], with values of different signs there."""
+
+    def __init__(self, first: Floats, last: Floats) -> None:
+        self._low, self._high = np.zeros_like(first), np.ones_like(last)
+        self._f_low, self._f_high = first.copy(), last.copy()
+        self._stayed = np.zeros(len(first), np.int64)
+
+    def guess(self, rows: Ints) -> Floats:
+        """The zeros (k,) of the chords, or the middles of intervals where rounding puts those outside."""
+        a, b, fa, fb = self._ends(rows)
+        guess = (a * fb - b * fa) / (fb - fa)
+        return np.where((guess > a) & (guess < b), guess, (a + b) / 2)
+
+    def narrow(self, rows: Ints, guess: Floats, value: Floats) -> tuple[Floats, Floats]:
+        """Take new ends (k,); the steps from these along the chords, and the lengths of the intervals before."""
+        a, b, fa, fb = self._ends(rows)
+        is_low = (value < 0) == (fa < 0)
+        side = np.where(is_low, 1, -1)
+        has_stayed = self._stayed[rows] == side
+        self._low[rows], self._high[rows] = np.where(is_low, guess, a), np.where(is_low, b, guess)
+        self._f_low[rows] = np.where(is_low, value, np.where(has_stayed, fa / 2, fa))
+        self._f_high[rows] = np.where(is_low, np.where(has_stayed, fb / 2, fb), value)
+        self._stayed[rows] = side
+        return np.abs(value) * (b - a) / np.abs(fb - fa), b - a
+
+    def _ends(self, rows: Ints) -> tuple[Floats, Floats, Floats, Floats]:
+        return self._low[rows], self._high[rows], self._f_low[rows], self._f_high[rows]
 
 
 def _units(vectors: Floats) -> Floats:
@@ -255,9 +260,10 @@ def _remarks(evaluator: Evaluator, beyond: Floats) -> tuple[str, ...]:
     """Sentences on places (n,) beyond the tolerance, and on gaps next to pyramids, which are cut along other lines."""
     found = []
     if len(beyond):
+        boxes = f"{len(beyond)} box{'es' if len(beyond) > 1 else ''}"
         found.append(
-            f"in {len(beyond)} boxes, as at tips of pyramids or where the gradient vanishes, the surface is "
-            f"only known to {float(beyond.max()):.2g}, the size of the box"
+            f"in {boxes}, as at tips of pyramids or where the gradient vanishes, the surface is only known to "
+            f"{float(beyond.max()):.2g}, the size of the box"
         )
     shapes = {patch.shape for patch in evaluator.patches}
     if Shape.PYRAMID in shapes and shapes & {Shape.TETRAHEDRON, Shape.PRISM}:

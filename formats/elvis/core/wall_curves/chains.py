@@ -9,7 +9,7 @@ import numpy as np
 from elvis.core.arrays import Bools, Floats, Ints
 
 #: maximum distance of equal ends, relative to the size of all segments
-_SAME = 1e-8
+SAME_PLACE = 1e-8
 
 
 def without_doubles(points: Floats) -> Ints:
@@ -29,7 +29,7 @@ def places_by_number(points: Floats) -> Ints:
     if not len(points):
         return np.empty(0, np.int64)
     size = float(np.ptp(points, axis=0).max()) or 1.0
-    numbers, steps = np.arange(len(points)), (points - points.min(axis=0)) / (4 * _SAME * size)
+    numbers, steps = np.arange(len(points)), (points - points.min(axis=0)) / (4 * SAME_PLACE * size)
     # points on either side of a border between cells of this lattice share a cell of a lattice moved by half a cell
     for shift in np.stack(np.meshgrid(*[[0.0, 0.5]] * 3), axis=-1).reshape(-1, 3):
         cells = np.floor(steps + shift)
