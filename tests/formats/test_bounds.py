@@ -424,7 +424,7 @@ def test_integrals_over_boxes_are_between_products_of_ends():
         ((-4.0, -2.0), (-16, -16, -6), (-4, -4, 0)),
         ((-1.0, 5.0), (-4, -4, -1.5), (20, 20, 7.5)),
     ):
-        found = level_error._enclosure(whole, tuple(np.full(3, end) for end in ends), boxes)
+        found = level_error._enclosure(whole, tuple(np.full(3, end) for end in ends), boxes, np.zeros((3, 2, 2, 2)))
         assert np.abs(np.subtract(found, (low, high))).max() < 1e-14
 
 

@@ -543,10 +543,21 @@ def test_areas_in_boxes_are_bounded_by_intersections_with_lines():
     """A line meets g = 0 as often as the degree; faces have the area of their lengths."""
     lengths = np.array([[2.0, 3.0, 5.0]] * 3)
     several, further = np.array([1.0, 2.0, 0.0]), np.array([0.0, 0.5, 0.25])
-    boxes = SimpleNamespace(patch=SimpleNamespace(shape=Shape.HEXAHEDRON), nets=np.zeros((3, 2, 3, 4)))
+    boxes = SimpleNamespace(patch=SimpleNamespace(shape=Shape.HEXAHEDRON), is_lost=np.ones(3, bool))
     boxes.several, boxes.further = several, further
-    found = level_error._extent(SimpleNamespace(longest=lengths), boxes)
+    found = level_error._extent(SimpleNamespace(longest=lengths), boxes, np.zeros((3, 2, 3, 4)))
     assert found.tolist() == [1 * 15 + 2 * 10 + 3 * 6, 2 * 53 + 0.5, 0.25]
+
+
+def test_areas_of_graphs_are_bounded_by_their_steepness():
+    """The plane z = 1/2 + (x + y)/4 over a box has the area of its base times sqrt(1 + 1/8), at most 1 + 1/2 times."""
+    x, y, z = np.meshgrid(*[np.array([0.0, 1.0])] * 3, indexing="ij")
+    nets = (z - 0.5 - (x + y) / 4)[None]
+    lengths = np.ones((1, 3))
+    boxes = SimpleNamespace(patch=SimpleNamespace(shape=Shape.HEXAHEDRON), is_lost=np.zeros(1, bool))
+    boxes.several, boxes.further = np.ones(1), np.zeros(1)
+    found = level_error._extent(SimpleNamespace(longest=lengths), boxes, nets)
+    assert np.sqrt(1 + 1 / 8) <= found[0] == pytest.approx(1.5)
 
 
 def test_lower_bounds_of_real_parts_have_room_for_rounding(monkeypatch):

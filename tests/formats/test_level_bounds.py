@@ -115,7 +115,7 @@ def test_errors_without_lost_boxes_would_be_too_small(monkeypatch):
     """Two planes that rounding can't tell apart have the area of both."""
     dataset, level = Dataset(grid(Shape.HEXAHEDRON, 1)), "(z-0.5)^2=2.5e-15"
     assert is_true(dataset, 2.0, "area", over=level)
-    monkeypatch.setattr(level_error, "_extent", lambda whole, boxes: boxes.further)
+    monkeypatch.setattr(level_error, "_extent", lambda whole, boxes, nets: boxes.further)
     assert not is_true(dataset, 2.0, "area", over=level)
 
 

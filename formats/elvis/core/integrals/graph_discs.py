@@ -30,8 +30,9 @@ from elvis.core.quantities.discs import Disc
 RHOS = np.array([1.6, 2.2, 3.0, 4.0, 5.5, 8.0])
 #: steps in which the disc of a root is enlarged, and by how much each
 _STEPS, _ENLARGED = 8, 1.05
-#: by how much of the height of a box a surface is moved in the last column
-SHIFT = 0.1
+#: by how much of its own height a surface is moved in the last column, and the least and greatest height of this rule,
+#: in heights of the box
+_SHIFT, _LEAST_HEIGHT, _GREATEST_HEIGHT = 0.1, 0.1, 1.0
 #: rounding of a place in a box
 _ROUNDING = 64 * float(np.finfo(np.float64).eps)
 #: kind of an end of a part in direction j: a face of the box, or the root on one of the faces across k
@@ -129,6 +130,7 @@ class PartDiscs:
     radii      radii of i, j and k, (n, columns) each; on surfaces, of t instead of k
     bends      (n, 5) coefficients of P on surfaces, the difference of k and t
     tilts      discs of g_a/g_t and g_b/g_t on surfaces, derivatives in a, b and t
+    shift      (n,) by how much of the height of the box a surface is moved in the last column
     is_rising  (n,) whether g increases along k
     stretches  discs of (e - s)/2 and (u - l)/2, factors of the measure
     is_proved  (n, columns) whether all roots are analytic there
@@ -141,6 +143,7 @@ class PartDiscs:
     is_rising: Bools
     stretches: tuple[Disc, Disc]
     is_proved: Bools
+    shift: Floats
 
     @staticmethod
     def of(nets: Floats, parts: GraphParts, directions: tuple[int, ...], is_filled: bool) -> PartDiscs:
@@ -164,20 +167,29 @@ class PartDiscs:
         if is_filled:
             height = _height(bends, first, second) + rest
             return _below(parts, centres, (first, second, factors[2]), height, stretch, is_proved)
-        moved = rest.copy()
-        moved[:, -1] += SHIFT
+        moved, shift = _moved(rest, _height(bends, first, second))
         nothing = np.zeros_like(half)
         radii = _where(is_proved, first, second, moved)
         tilts = _tilts(level, radii)
         is_rising = level.steepness > 0
-        return PartDiscs(centres, radii, bends, tilts, is_rising, (stretch, (nothing, nothing)), is_proved)
+        return PartDiscs(centres, radii, bends, tilts, is_rising, (stretch, (nothing, nothing)), is_proved, shift)
 
     @staticmethod
     def whole(count: int) -> PartDiscs:
         """The real points of whole boxes, in one column."""
         half, every = np.full((count, 1), 0.5), np.ones((count, 1), bool)
         disc = half, np.zeros((count, 1))
-        return PartDiscs(np.full((count, 3), 0.5), (half, half, half), None, None, every[:, 0], (disc, disc), every)
+        return PartDiscs(
+            np.full((count, 3), 0.5), (half, half, half), None, None, every[:, 0], (disc, disc), every, np.zeros(count)
+        )
+
+
+def _moved(rest: Floats, height: Floats) -> tuple[Floats, Floats]:
+    """Radii (n, columns) of t with the surface moved in the last column, and (n,) by how much; both as ``height``."""
+    moved = rest.copy()
+    shift = _SHIFT * np.clip(height[:, 0], _LEAST_HEIGHT, _GREATEST_HEIGHT)
+    moved[:, -1] += shift
+    return moved, shift
 
 
 def _below(
@@ -194,7 +206,8 @@ def _below(
     half = (high - low)[:, None] / 2
     moved = np.column_stack([centres[:, :2], (low + high) / 2])
     every = _where(is_proved, radii[0], radii[1], radii[2] * (half + height))
-    return PartDiscs(moved, every, None, None, parts.is_below, (stretch, (half, _known(height))), is_proved)
+    stretches = stretch, (half, _known(height))
+    return PartDiscs(moved, every, None, None, parts.is_below, stretches, is_proved, np.zeros(len(parts)))
 
 
 def _end_radii(nets: Floats, parts: GraphParts, column: int, middle: Floats, first: Floats) -> Floats:

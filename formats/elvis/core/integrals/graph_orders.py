@@ -15,12 +15,15 @@ _STEEP = 0.1
 
 def orders(nets: Floats, are_ends_free: bool) -> tuple[Ints, Bools]:
     """For each net (n, D, D, D) the axes i, j, k in which g = 0 is a graph with such ends, and whether there are."""
-    best, order = np.zeros(len(nets)), np.tile(np.arange(3), (len(nets), 1))
+    steepness = _steepness_by_axis(nets)
+    order = np.tile(np.arange(3), (len(nets), 1))
+    best = np.full(len(nets), _STEEP)
     for axes in _candidates(nets):
-        turned = nets.transpose(0, *(1 + axis for axis in axes))
-        score = _steepness(turned)
-        score = score if are_ends_free else np.where(_are_ends_graphs(turned), score, 0.0)
-        better = score > best
+        score = steepness[axes[-1]]
+        better = np.flatnonzero(score > best)
+        if not are_ends_free:
+            turned_nets = nets[better].transpose(0, *(1 + axis for axis in axes))
+            better = better[_are_ends_graphs(turned_nets)]
         best[better], order[better] = score[better], axes
     return order, best > _STEEP
 
@@ -30,19 +33,28 @@ def _candidates(nets: Floats) -> Iterator[tuple[int, ...]]:
     return (axes for axes in permutations(range(3)) if nets.shape[1] > 1 or axes[0] == 0)
 
 
-def _steepness(nets: Floats) -> Floats:
-    """(n,) lower bounds of the derivative along the last axis, relative to the largest of all.
+def _steepness_by_axis(nets: Floats) -> Floats:
+    """(d, n) lower bounds of the derivatives along each axis, relative to the largest of all.
 
-    At most 0 if its sign is unknown.
+    At most 0 if the sign is unknown, and along an axis with one coefficient.
 
     If it is small, the surface is steep and rules converge slowly.
     """
     axes = tuple(range(1, nets.ndim))
-    slopes = [np.diff(nets, axis=axis) * (nets.shape[axis] - 1) for axis in axes if nets.shape[axis] > 1]
-    last = slopes[-1]
-    least = np.maximum(last.min(axis=axes), -last.max(axis=axes))
-    most = np.max([np.abs(slope).max(axis=axes) for slope in slopes], axis=0)
+    least, most = np.zeros((len(axes), len(nets))), np.zeros(len(nets))
+    for axis in axes:
+        if nets.shape[axis] > 1:
+            slopes = np.diff(nets, axis=axis)
+            low, high = slopes.min(axis=axes), slopes.max(axis=axes)
+            degree = nets.shape[axis] - 1
+            least[axis - 1] = degree * np.maximum(low, -high)
+            most = np.maximum(most, degree * np.maximum(-low, high))
     return np.asarray(least / np.where(most > 0, most, 1.0))
+
+
+def _steepness(nets: Floats) -> Floats:
+    """(n,) the same along the last axis."""
+    return np.asarray(_steepness_by_axis(nets)[-1])
 
 
 def _are_ends_graphs(nets: Floats) -> Bools:

@@ -146,10 +146,8 @@ class LevelBoxes:
     def halved(self, directions: Bools, tests: int = _FURTHER) -> LevelBoxes:
         """Halves in directions i, j, k (n, 1 to 3) where that is requested, as far as the surface meets them.
 
-        On surfaces k is bisected with all others, so that boxes keep their form.
+        Graphs are not bisected along k: this would give them further ends.
         """
-        if not self.is_filled and directions.shape[1] < self.patch.shape.dimension:
-            directions = np.concatenate([directions, directions.all(axis=1, keepdims=True)], axis=1)
         is_kept = ~self.can_be_halved[:, 0]
         is_flat = np.ones((len(self), 3), bool)
         first = 3 - self.patch.shape.dimension

@@ -45,6 +45,8 @@ from elvis.core.quantities.tree import Node, coordinate, field, fold, whole_expo
 from elvis.core.shapes import Shape
 
 _NORMALS = SIDES[:3]
+#: lower bound of 1 plus a sum of squares, with room for rounding
+_LEAST_SQUARE = 1 - 1e-9
 
 
 def is_bounded(root: Node, rules: DegreeRules, is_filled: bool) -> bool:
@@ -243,7 +245,7 @@ class LevelDiscs:
                 weight = (gram[:, row, column] / gram[:, -1, -1])[:, None], np.float64(0.0)
                 found = discs.plus(found, discs.times(weight, discs.times(one, other)))
         size = np.sqrt(gram[:, -1, -1])[:, None], np.float64(0.0)
-        return discs.times(discs.times(size, upwards), discs.root(found))
+        return discs.times(discs.times(size, upwards), _root_of_squares(found, self.parts.radii[0].shape))
 
     @cached_property
     def _ratios(self) -> list[Disc]:
@@ -379,6 +381,18 @@ class LevelDiscs:
         own = self._expansion(leaf)
         found = solution(_transposed(self._near_centre), [own.slope(axis, self.parts.radii) for axis in self._axes])
         return _product(np.linalg.inv(self._centre).transpose(0, 2, 1), found)
+
+
+def _root_of_squares(found: Disc, shape: tuple[int, ...]) -> Disc:
+    """The root of 1 plus a sum of squares, with radii of a shape (n, columns).
+
+    The first column is for real points, where the sum is never below 1, however far its disc reaches.
+    """
+    middle, radius = discs.root(found)
+    own = np.broadcast_to(radius, shape).copy()
+    real = discs.root_above((found[0], np.broadcast_to(found[1], shape)[:, :1]), _LEAST_SQUARE)
+    own[:, :1] = np.fmin(own[:, :1], real[1])
+    return middle, own
 
 
 class _Rows(Sequence[list[Disc]]):

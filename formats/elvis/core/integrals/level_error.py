@@ -24,7 +24,7 @@ from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import ElvisError
 from elvis.core.integrals.analytic_error import FURTHER, Bounds, gauss_factors
 from elvis.core.integrals.degrees import DegreeRules
-from elvis.core.integrals.graph_discs import RHOS, SHIFT, GraphParts, PartDiscs, graph_parts
+from elvis.core.integrals.graph_discs import RHOS, GraphParts, PartDiscs, graph_parts
 from elvis.core.integrals.graph_orders import greatest, turned
 from elvis.core.integrals.level_boxes import LevelBoxes
 from elvis.core.integrals.level_discs import CellNets, LevelDiscs, is_bounded
@@ -132,10 +132,10 @@ class _Boxes:
         moved = np.zeros(len(boxes))
         if not boxes.is_filled:
             # the surface between its ends
-            by_part = 2 * radius[:, -1] / SHIFT * 2.0 ** len(counts)
-            own = boxes.shift * _summed(by_part[:, None], parts.box, len(boxes))[:, 0]
-            is_met = np.bincount(parts.box, minlength=len(boxes)) > 0
-            moved = np.where((boxes.shift <= SHIFT) | ~is_met, own, np.inf)
+            shift = boxes.shift[parts.box]
+            is_known = shift <= found.parts.shift
+            by_part = np.where(is_known, shift / found.parts.shift * 2 * radius[:, -1], np.inf)
+            moved = _summed(by_part[:, None] * 2.0 ** len(counts), parts.box, len(boxes))[:, 0]
         errors[~np.isfinite(moved) & boxes.is_proved] = np.inf
         return errors, np.where(np.isfinite(moved), moved, 0.0), about
 
@@ -148,7 +148,7 @@ class _Boxes:
         whole = self._discs(rest, PartDiscs.whole(len(rest)))
         for column, root in enumerate(roots):
             ends = whole.interval(root)
-            known.low[rest, column], known.high[rest, column] = _enclosure(whole, ends, boxes)
+            known.low[rest, column], known.high[rest, column] = _enclosure(whole, ends, boxes, nets[rest])
             largest[:, column] = _largest(ends)
         return _changes(boxes, nets[rest], whole.longest, largest)
 
@@ -188,11 +188,11 @@ def _summed(values: Floats, box: Ints, count: int) -> Floats:
     return found
 
 
-def _enclosure(whole: LevelDiscs, ends: Interval, boxes: LevelBoxes) -> Interval:
+def _enclosure(whole: LevelDiscs, ends: Interval, boxes: LevelBoxes, nets: Floats) -> Interval:
     """Smallest and largest integral (n,) over boxes, from smallest and largest values of the integrand."""
     low, high = ends
     if not boxes.is_filled:
-        most = _largest(ends) * _extent(whole, boxes)
+        most = _largest(ends) * _extent(whole, boxes, nets)
         return -most, most
     middle, radius = (part[:, 0] for part in np.broadcast_arrays(*whole.volume))
     largest = np.abs(middle) + radius
@@ -201,12 +201,26 @@ def _enclosure(whole: LevelDiscs, ends: Interval, boxes: LevelBoxes) -> Interval
     return np.where(np.isnan(found[0]), -np.inf, found[0]), np.where(np.isnan(found[1]), np.inf, found[1])
 
 
-def _extent(whole: LevelDiscs, boxes: LevelBoxes) -> Floats:
+def _extent(whole: LevelDiscs, boxes: LevelBoxes, nets: Floats) -> Floats:
     """(n,) how large the surface in each box may be."""
     d = boxes.patch.shape.dimension
-    degrees = np.array(boxes.nets.shape[4 - d :]) - 1
+    degrees = np.array(nets.shape[4 - d :]) - 1
     own = np.asarray(sum(degree * face for degree, face in zip(degrees, _faces(whole.longest), strict=True)))
+    own = np.where(boxes.is_lost, own, np.fmin(own, _graph_area(nets, whole.longest)))
     return np.where(boxes.several > 0, own * boxes.several, 0.0) + boxes.further
+
+
+def _graph_area(nets: Floats, lengths: Floats) -> Floats:
+    """(n,) how large a graph k(i, j) in boxes with sides up to lengths (n, d) may be.
+
+    The area per unit of i and j is |cof(X) grad g| / |g_k|.
+    """
+    d = lengths.shape[1]
+    slopes = [np.diff(nets, axis=axis) * (nets.shape[axis] - 1) for axis in range(4 - d, 4)]
+    last = slopes[-1]
+    steep = np.maximum(last.min(axis=(1, 2, 3)), -last.max(axis=(1, 2, 3)))
+    most = sum(face * greatest(own) for face, own in zip(_faces(lengths), slopes, strict=True))
+    return np.where(steep > 0, most / np.where(steep > 0, steep, 1.0), np.inf)
 
 
 def _faces(longest: Floats) -> list[Floats]:
@@ -217,8 +231,6 @@ def _faces(longest: Floats) -> list[Floats]:
 def _changes(boxes: LevelBoxes, nets: Floats, longest: Floats, largest: Floats) -> Floats:
     """(n, e) changes of integrals of integrands up to (n, e) by moving g; for surfaces, only at their ends.
 
-    The area per unit of i and j is |cof(X) grad g| / |g_k|.
-
     nets     (n, Di, Dj, Dk) of g
     longest  (n, 3) or (n, d) maximum lengths of dx/di, dx/dj and dx/dk
     """
@@ -228,9 +240,6 @@ def _changes(boxes: LevelBoxes, nets: Floats, longest: Floats, largest: Floats) 
         share = np.minimum(boxes.shift, 1.0)
         most = lengths.prod(axis=1)
     else:
-        slopes = [np.diff(nets, axis=axis) * (nets.shape[axis] - 1) for axis in range(4 - d, 4)]
-        last = slopes[-1]
-        steep = np.maximum(last.min(axis=(1, 2, 3)), -last.max(axis=(1, 2, 3)))
         share = boxes.share
-        most = sum(face * greatest(own) for face, own in zip(_faces(lengths), slopes, strict=True)) / steep
+        most = _graph_area(nets, lengths)
     return np.where((share > 0)[:, None], (share * most)[:, None] * largest, 0.0)

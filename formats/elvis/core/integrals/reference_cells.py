@@ -15,7 +15,7 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
 from elvis.core.bounded_cache import bounded_cache
-from elvis.core.dataset import Dataset
+from elvis.core.dataset import Dataset, Expansion
 from elvis.core.geometry import GeometryBlock
 from elvis.core.mapping import tangents
 from elvis.core.mapping.orientation import face_shape
@@ -32,6 +32,8 @@ from elvis.core.validity.validity import are_never_negative
 _EPS = float(np.finfo(np.float64).eps)
 #: rounding of the terms of a map's derivatives, in units of the last place
 _ROUNDING = 64
+#: points at which the derivatives of maps are compared first
+_FEW = 5
 #: a positive length for any coordinates
 _SMALLEST = 1e-300
 
@@ -57,7 +59,11 @@ class Piece:
 
     def part(self, chosen: Ints | Bools) -> Piece:
         """Some of the elements."""
-        return replace(self, rows=self.rows[chosen])
+        found = replace(self, rows=self.rows[chosen])
+        if "is_affine" in self.__dict__:
+            # a cached property, which is not tested again
+            found.__dict__["is_affine"] = self.is_affine[chosen]
+        return found
 
     @property
     def is_side(self) -> bool:
@@ -138,9 +144,13 @@ class Piece:
         counts = [degree + 1 for degree in box_degrees(bernstein_space(patch.geometry))]
         points = uncollapse(patch.shape, box_rule(tuple(counts))[0])
         coefficients = patch.geometry_coefficients[self.rows]
-        jacobians = evaluate_with_gradients(patch.geometry, coefficients, points)[1]
-        spread = np.ptp(jacobians, axis=2).max(axis=(1, 2))
-        return np.asarray(spread <= _ROUNDING * _EPS * np.abs(coefficients).max(axis=(1, 2)))
+
+        # a few of these points are enough for most curved elements
+        few = np.unique(np.linspace(0, len(points) - 1, _FEW, dtype=np.int64))
+        found = _has_constant_slopes(patch.geometry, coefficients, points[few])
+        rest = np.flatnonzero(found)
+        found[rest] = _has_constant_slopes(patch.geometry, coefficients[rest], points)
+        return found
 
     @cached_property
     def is_flat(self) -> Bools:
@@ -166,6 +176,13 @@ class Piece:
     @property
     def _coefficients(self) -> Floats:
         return np.asarray(self.patch.geometry_coefficients[self.rows])
+
+
+def _has_constant_slopes(geometry: Expansion, coefficients: Floats, points: Floats) -> Bools:
+    """(n,) whether maps with coefficients (n, 3, m) have the same derivatives at all points (q, d), to rounding."""
+    jacobians = evaluate_with_gradients(geometry, coefficients, points)[1]
+    spread = np.ptp(jacobians, axis=2).max(axis=(1, 2))
+    return np.asarray(spread <= _ROUNDING * _EPS * np.abs(coefficients).max(axis=(1, 2)))
 
 
 def whole_elements(patches: tuple[Patch, ...]) -> Iterator[Piece]:

@@ -137,25 +137,29 @@ class Lattice(ElementPoints):
     @cached_property
     def positions(self) -> Floats:
         """As in `ElementPoints`."""
-        return self._map[0]
+        patch, own = self.patch, self.patch.shape.dimension
+        positions = np.ascontiguousarray(self._map[0].transpose(0, 2, 1)).reshape(-1, 3)
+        for i, (axis, length) in enumerate(patch.periods):
+            positions[:, axis] = length * (1 + self.points[:, own + i]) / 2
+        return positions
 
     @cached_property
     def jacobians(self) -> Floats:
         """As in `ElementPoints`."""
-        return self._map[1]
+        patch, own = self.patch, self.patch.shape.dimension
+        slopes = self._map[1].transpose(0, 2, 1, 3)
+        jacobians = np.zeros((*slopes.shape[:3], patch.dimension))
+        jacobians[..., :own] = slopes
+        for i, (axis, length) in enumerate(patch.periods):
+            jacobians[:, :, axis, own + i] = length / 2
+        return jacobians.reshape(len(self), 3, patch.dimension)
 
     @cached_property
     def _map(self) -> tuple[Floats, Floats]:
+        """(e, 3, q) positions and (e, 3, q, d) reference gradients of the map of the shape."""
         patch, own = self.patch, self.patch.shape.dimension
         coefficients = patch.geometry_coefficients[self._elements]
-        world, plane = evaluate_with_gradients(patch.geometry, coefficients, self._lattice[:, :own])
-        positions = np.ascontiguousarray(world.transpose(0, 2, 1)).reshape(-1, 3)
-        jacobians = np.zeros((len(self), 3, patch.dimension))
-        jacobians[:, :, :own] = plane.transpose(0, 2, 1, 3).reshape(-1, 3, own)
-        for i, (axis, length) in enumerate(patch.periods):
-            positions[:, axis] = length * (1 + self.points[:, own + i]) / 2
-            jacobians[:, axis, own + i] = length / 2
-        return positions, jacobians
+        return evaluate_with_gradients(patch.geometry, coefficients, self._lattice[:, :own])
 
     def _values(self, field: int) -> Floats:
         expansion, coefficients = self._own(field)
