@@ -70,8 +70,8 @@ def _changed(value: Any, hint: Any, change: Callable[[str], str]) -> Any:
         return with_files(value, change)
     if isinstance(value, tuple):
         return tuple(_changed(item, hint, change) for item in value)
-    text = text_of(hint)
-    return text.changed(value, change) if text and isinstance(value, str) else value
+    text = text_of(hint) if isinstance(value, str) else None
+    return text.changed(value, change) if text else value
 
 
 def _plain(value: Any) -> Any:

@@ -19,6 +19,7 @@ from elvis.renderer.ball_bounds import is_in_picture
 from elvis.renderer.camera import record_of
 from elvis.renderer.device import Given, Kernel
 from elvis.renderer.device_volume import DeviceVolume
+from elvis.renderer.drafts import is_draft
 from elvis.renderer.hit_buffer import HitBuffer, arrays_to_write, new_arrays
 from elvis.renderer.memory import Buffer
 from elvis.renderer.passes.faces.face_patches import Edges, FacePatches, face_patches
@@ -30,6 +31,10 @@ from elvis.scene.view import View
 
 #: part of the scene's size within which two hits are at one place
 _TIE = 1e-11
+#: length of a step after which Newton's method ends, in coordinates of a patch: the remaining error is of the order of
+#: its square, below rounding for the point; in drafts, a millionth of a pixel
+CLOSE = 1e-10
+CLOSE_IN_DRAFTS = 1e-4
 #: number of pixels near edges that are processed together
 _AT_ONCE = 1 << 20
 #: half the side of a pixel's square
@@ -194,7 +199,7 @@ class FaceDrawer:
         order = np.argsort(rank[element], kind="stable")
         patches = patches[order]
         is_seen = is_in_picture(view, patches["least"], patches["most"])
-        return patches[is_seen], self._view_record(kernel, view)
+        return patches[is_seen], self._view_record(kernel, view, close=CLOSE)
 
     def _part_patches(
         self, view: View, select: Sequence[str] | Bools, number: int, dtype: np.dtype[Any]
@@ -241,7 +246,8 @@ class FaceDrawer:
                 tiles = tiles[(tiles["y"] + TILE > rows[0]) & (tiles["y"] < rows[1])]
 
             place = {"first": self.loaded.first[number], "count": len(tiles)}
-            record = self._view_record(kernel, view, **place, fresh=is_first, has_beyond=bool(has_beyond))
+            close = CLOSE_IN_DRAFTS if is_draft() and has_beyond is not None else CLOSE
+            record = self._view_record(kernel, view, **place, close=close, fresh=is_first, has_beyond=bool(has_beyond))
             data = {"patches": patches, "listed": listed, "tiles": tiles, "view": record}
             buffers = {name: device.buffer(array) for name, array in data.items()}
             counts = (tiles["end"] - tiles["first"]).astype(np.int64)

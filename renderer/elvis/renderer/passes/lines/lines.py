@@ -18,6 +18,7 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.renderer.camera import record_of
 from elvis.renderer.device import ROWS, Device
 from elvis.renderer.device_volume import DeviceVolume
+from elvis.renderer.drafts import is_draft
 from elvis.renderer.gaps import beside, pairs, within
 from elvis.renderer.hit_buffer import HitBuffer
 from elvis.renderer.memory import Buffer
@@ -33,6 +34,8 @@ UNITS = 1 << 26
 NOTHING = NOBODY
 #: results of line_draw for squares, as in line.slang
 _MANY, _POSSIBLE = 1, 2
+#: how often the foot on a border is computed; on drafts once, as if the border were straight next to the pixel
+FEET, FEET_OF_DRAFTS = 3, 1
 #: number of squares with several elements above which possible contours are sifted first
 _SIFTED = 1 << 12
 #: lines from the centre of a reference shape that look for its facets
@@ -144,7 +147,8 @@ class Lines:
         near = near[hits.owner[near] != NOBODY]
         dtype = self._device.kernel("line_border", self._loaded.parts[0]).dtype("items")
         items = _work_items(near, hits.owner[near], dtype)
-        self._run("line_border", view, hits, items, buffers, half_width=half_width)
+        feet = FEET_OF_DRAFTS if is_draft() else FEET
+        self._run("line_border", view, hits, items, buffers, half_width=half_width, feet=feet)
         return Marks(self._device, buffers["marks"], width, hits.owner)
 
     def _buffers(self, view: View, hits: HitBuffer, width: float) -> dict[str, Buffer]:
