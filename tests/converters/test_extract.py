@@ -25,8 +25,8 @@ from elvis import (
     sample,
     write,
 )
-from elvis.core.testing import approximated, curved, grid, ripple
-from elvis.core.triangles import clipped
+from elvis.core.testing import approximated, curved, grid, mixed_plane, ripple
+from elvis.core.triangles import clipped, level_lines
 from elvis.plugins.boundary_data import convert_boundary
 
 CENTRE, RADIUS = np.array([0.5, 0.5, 0.5]), 0.31
@@ -47,6 +47,11 @@ def mesh_of(surface):
 def on_sphere(count):
     points = np.random.default_rng(7).normal(size=(count, 3))
     return CENTRE + RADIUS * points / np.linalg.norm(points, axis=1, keepdims=True)
+
+
+def wave(x):
+    """The plane with bent lines of coordinates."""
+    return x + 0.04 * np.sin(3 * x[..., [1, 0, 2]]) * [1, 1, 0]
 
 
 def hex_and_prism():
@@ -230,9 +235,7 @@ def test_boundaries_are_closed_and_have_the_quantities_of_the_volume():
 
 
 def test_edges_of_plane_data_are_lines_with_their_fields():
-    data = Dataset(
-        curved(grid(Shape.QUADRILATERAL, 2), lambda x: x + 0.04 * np.sin(3 * x[..., [1, 0, 2]]) * [1, 1, 0], 3)
-    )
+    data = Dataset(curved(grid(Shape.QUADRILATERAL, 2), wave, 3))
     data = replace(data, fields=(approximated(data, "u", FUNCTIONS["u"], 3),))
     skin = convert_boundary(data, "all")
     assert all(own.is_exact for own in (skin.report.geometry, *skin.report.fields))
@@ -252,6 +255,48 @@ def test_streamlines_are_clipped(tmp_path, elvis):
     assert found["speed"] == pytest.approx(np.hypot(*(found["points"] - 0.5).T[:2]), abs=1e-4)
     cut = found["offsets"][1:][found["ends"][found["end"]] == "clip"] - 1
     assert np.linalg.norm(found["points"][cut] - [0.8, 0.5, 0.5], axis=1) == pytest.approx(0.2, abs=1e-12)
+
+
+@pytest.mark.parametrize("data", [mixed_plane(1), curved(grid(Shape.TRIANGLE, 2), wave, 3)])
+def test_isolines_of_plane_data_are_within_the_stated_distance(data):
+    """A circle: closed, left of its inside by larger values outside, and its length from chords that differ in size."""
+    found = level_lines(Dataset(data), "sphere:0.5,0.5,0:0.31", ["x*y"], 1e-3)
+    away = found.points - [0.5, 0.5, 0]
+    assert np.abs(np.linalg.norm(away, axis=1) - 0.31).max() < 1e-14
+    assert found.values["x*y"] == pytest.approx(found.points[:, 0] * found.points[:, 1], abs=1e-14)
+    start, stop = away[found.lines].swapaxes(0, 1)
+    assert (np.cross(start, stop)[:, 2] < 0).all()
+    assert found.is_bound
+    assert 0 < 0.31 - np.linalg.norm((start + stop) / 2, axis=1).min() <= found.distance <= 1e-3
+    rows, offsets = found.joined()
+    assert offsets.tolist() == [0, len(found.lines) + 1]
+    assert rows[0] == rows[-1]
+    angles = 2 * np.arcsin(np.linalg.norm(stop - start, axis=1) / 0.62)
+    assert angles.sum() == pytest.approx(2 * np.pi, abs=1e-10)
+
+
+def test_lines_of_plane_data_are_written_for_vtk(tmp_path, elvis, elvis_json):
+    data = Dataset(mixed_plane(1))
+    data = replace(data, fields=(approximated(data, "u", FUNCTIONS["u"], 3),))
+    files = write(data, tmp_path / "a.xml")
+    options = ["--isosurface", "u=0.3", "--field", "twice=2*u", "--field", "y"]
+    facts = elvis_json("extract", *files, *options, "-o", tmp_path / "a.vtp")
+    reader = vtkXMLPolyDataReader()
+    reader.SetFileName(str(tmp_path / "a.vtp"))
+    reader.Update()
+    found = reader.GetOutput()
+    points = vtk_to_numpy(found.GetPoints().GetData())
+    # x^2 = 0.3
+    assert np.abs(points[:, 0] - np.sqrt(0.3)).max() < 1e-13
+    assert vtk_to_numpy(found.GetPointData().GetArray("twice")) == pytest.approx(0.6, abs=1e-13)
+    assert found.GetNumberOfLines() == facts["lines"] == 1
+    assert facts["length"] == pytest.approx(1, abs=1e-12)
+    elvis("extract", *files, "--plane", "0.5,0.5,0:1,1,0", "--field", "u", "-o", tmp_path / "a.vtu")
+    known = meshio.read(tmp_path / "a.vtu")
+    assert known.points.sum(axis=1) == pytest.approx(1, abs=1e-14)
+    assert known.point_data["u"] == pytest.approx(FUNCTIONS["u"](known.points), abs=1e-13)
+    with pytest.raises(ElvisError, match=r"expected a name ending in .vtp or .vtu, as u=0.3 meets 2D data in lines"):
+        elvis("extract", *files, "--isosurface", "u=0.3", "-o", tmp_path / "a.stl")
 
 
 @pytest.fixture(scope="module")
@@ -413,10 +458,9 @@ def test_bad_input_gives_a_one_line_error_and_no_file(files, tmp_path, elvis, op
     assert not list(tmp_path.iterdir())
 
 
-def test_plane_data_have_no_triangles(tmp_path, elvis):
-    files = write(Dataset(grid(Shape.QUADRILATERAL, 1)), tmp_path / "a.xml")
+def test_plane_data_have_no_triangles():
     with pytest.raises(ElvisError, match="expected 3D data, found 2D data"):
-        elvis("extract", *files, "--isosurface", "x=0.5", "-o", tmp_path / "a.stl")
+        level_triangles(Dataset(grid(Shape.QUADRILATERAL, 1)), "x=0.5")
 
 
 def test_closed_data_have_no_boundary():

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from elvis.core.sampling import Samples, line, sample
     from elvis.core.shapes import Shape
     from elvis.core.streamlines import TracedLines, trace
-    from elvis.core.triangles import SurfaceTriangles, boundary_triangles, level_triangles
+    from elvis.core.triangles import LevelLines, SurfaceTriangles, boundary_triangles, level_lines, level_triangles
     from elvis.core.version import __version__
     from elvis.core.wall_points import wall_points
     from elvis.plugins.added_quantities import with_quantity
@@ -104,6 +104,7 @@ __all__ = [
     "Homogeneous",
     "Implicit",
     "Isosurface",
+    "LevelLines",
     "Lic",
     "Light",
     "Mesh",
@@ -148,6 +149,7 @@ __all__ = [
     "from_ngsolve",
     "integrate",
     "largest_scale",
+    "level_lines",
     "level_triangles",
     "line",
     "mean_along",
@@ -243,8 +245,10 @@ NAMES = {
         "trace",
     ),
     "elvis.core.triangles": (
+        "LevelLines",
         "SurfaceTriangles",
         "boundary_triangles",
+        "level_lines",
         "level_triangles",
     ),
     "elvis.core.wall_points": ("wall_points",),

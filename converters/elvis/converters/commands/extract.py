@@ -25,10 +25,11 @@ from elvis.core.errors import ElvisError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from elvis.core.arrays import Floats
     from elvis.core.complex_fields import ComplexChoice
     from elvis.core.dataset import Dataset
     from elvis.core.deformation import Deformation
-    from elvis.core.triangles import SurfaceTriangles
+    from elvis.core.triangles import LevelLines, SurfaceTriangles
 
 EPILOG = """\b
 Examples:
@@ -39,12 +40,15 @@ Examples:
   elvis extract wing.xml wing.fld --boundary all --field "shear=wall_shear(mu=2e-4)" -o skin.vtu
   elvis extract wing.xml --boundary all --clip plane:0,0.5,0:0,1,0 -o half.stl
   elvis extract wing.xml wing.fld --isosurface p=-0.3 --order 2 -o iso.vtu                  curved triangles
+  elvis extract cylinder.xml cylinder.fld --isosurface u=0.5 --field p -o isoline.vtp
   elvis extract wing.xml wing.fld --streamlines random:50 --clip sphere:0,0,1:1 --field p -o lines.vtp
 """
 
 FILE = click.Path(path_type=Path)
 #: suffixes of surfaces with their own elements
 _MESHES = (".xml", ".vtu", ".msh")
+#: suffixes of lines
+_LINES = (".vtp", ".vtu")
 
 
 @click.command("extract", epilog=EPILOG, short_help="Write boundaries as data, cuts and isosurfaces as triangles.")
@@ -56,7 +60,7 @@ _MESHES = (".xml", ".vtu", ".msh")
     required=True,
     help="File to write: triangles as .stl, .ply, .obj, .glb or .vtp; a boundary with its own elements also as .xml "
     "(fields go next to it, .fld), .vtu or .msh, and so with --order other surfaces; a plane across a Fourier "
-    "direction also as .xml; lines as .vtp, .csv or .npz.",
+    "direction also as .xml; streamlines as .vtp, .csv or .npz; cuts and isolines of 2D data as .vtp or .vtu.",
 )
 @click.option("--boundary", multiple=True, metavar="NAME", help="Name of a boundary, or all for all outer faces.")
 @click.option(
@@ -134,9 +138,9 @@ def extract(
 
     Triangles have their corners on the exact surface and lie within --tolerance of it, by bounds on second derivatives
     if the quantity is a smooth function of polynomials on each element, else by an estimate.  They meet without gaps
-    inside elements and across elements on which the quantity is continuous.  A boundary with its own elements is exact:
-    its curved faces and fields are those of the volume.  Quantities of the volume behind a boundary, such as
-    wall_shear, are projected onto it, and the errors are printed.
+    inside elements and across elements on which the quantity is continuous.  In 2D data the same holds for lines of
+    cuts and isolines.  A boundary with its own elements is exact: its curved faces and fields are those of the volume.
+    Quantities of the volume behind a boundary, such as wall_shear, are projected onto it, and the errors are printed.
     """
     from elvis.core.files.output import check_places
     from elvis.core.moments import Moment
@@ -165,6 +169,8 @@ def _write(dataset: Dataset, surface: tuple[str, str], is_mesh: bool, output: Pa
         _write_plane(dataset, name.removeprefix("plane:"), output, options["quantities"], options["as_json"])
     elif is_mesh:
         _write_mesh(dataset, name, output, options["quantities"], options["as_json"])
+    elif dataset.mesh.dimension == 2 and kind != "boundary" and kind != "seeds":
+        _write_level_lines(dataset, name, output, **options)
     elif kind == "seeds":
         _write_lines(dataset, name.split("\n"), output, options["quantities"], options["clips"])
     else:
@@ -210,6 +216,9 @@ def _check_output(output: Path, surface: tuple[str, str], options: dict[str, Any
                 f"{output}: --tolerance and --clip are for triangles, found a name ending in {output.suffix}"
             )
         return True
+    if output.suffix == ".vtu":
+        # lines of 2D data
+        return False
     if output.suffix not in SUFFIXES:
         known = (*SUFFIXES, *(_MESHES if surface[0] == "boundary" else ()))
         raise click.BadParameter(f"expected a name ending in {', '.join(known)}, found {output}", param_hint="'-o'")
@@ -260,6 +269,53 @@ def _write_lines(
     write_lines(output, found, {"seed": found.seed, "end": found.end})
     print_table(("end", "meaning", "lines"), found.table())
     say(f"\n{output}: {len(found)} lines with {len(found.points):,} points")
+
+
+def _write_level_lines(
+    dataset: Dataset,
+    curve: str,
+    output: Path,
+    quantities: tuple[str, ...],
+    tolerance: float | None,
+    clips: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Find the lines of a curve in 2D data and write them."""
+    from elvis.core.terminal import note, print_json, say, stage
+    from elvis.core.triangles import level_lines
+
+    if output.suffix not in _LINES:
+        known = " or ".join(_LINES)
+        raise ElvisError(f"{output}: expected a name ending in {known}, as {curve} meets 2D data in lines")
+    if clips:
+        raise ElvisError("--clip: expected 3D data or --streamlines, found 2D data")
+    named = _named(dataset, quantities)
+    with stage(f"lines of {curve}"):
+        found = level_lines(dataset, curve, list(named.values()), tolerance)
+    number = _save_lines(found, {name: found.values[text] for name, text in named.items()}, output)
+    for sentence in found.remarks:
+        note(sentence)
+    if as_json:
+        facts = {"lines": number, "segments": len(found.lines), "length": found.length}
+        print_json({**facts, "distance": found.distance, "is_bound": found.is_bound})
+        return
+    count = f"{len(found.lines):,} segments of {number} line{'s' if number > 1 else ''}"
+    far = f"within {found.distance:.2g} of the curve" + ("" if found.is_bound else ", an estimate")
+    say(f"{output}: {count}, {far}; length {found.length:.10g}")
+
+
+def _save_lines(found: LevelLines, values: dict[str, Floats], output: Path) -> int:
+    """Write lines with values at their points; return how many lines there are."""
+    from elvis.core.files.polydata import write_polylines
+    from elvis.plugins.arrays import from_arrays
+
+    rows, offsets = found.joined()
+    if output.suffix == ".vtp":
+        write_polylines(output, found.points[rows], offsets, {name: own[rows] for name, own in values.items()}, {})
+    else:
+        ends = {name: own[found.lines] for name, own in values.items()}
+        _save_mesh(from_arrays({"segment": found.points[found.lines]}, ends), output)
+    return len(offsets) - 1
 
 
 def _write_triangles(

@@ -6,22 +6,32 @@ the key of the middle between two nodes of a cell is the mean of their keys.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import cache
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints, frozen_ints
 from elvis.core.errors import ElvisError
 from elvis.core.quantities.expression import Expression
-from elvis.core.triangles.cell_boxes import Boxes
+from elvis.core.triangles.cell_boxes import Boxes, CellBoxes
 from elvis.core.triangles.cell_places import SAME_VALUE, CellPlaces, Cells, shared_numbers
 from elvis.core.triangles.level_cells import ROUNDING
 from elvis.core.wall_curves.chains import SAME_PLACE
 
-#: nodes of a divided box, in halves of the box: with three, two or one odd coordinate they are corners and middles
-_LATTICE = np.stack(np.meshgrid(*[np.arange(3)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-#: corners of a box, each with its place by bits
-_CORNERS = np.array([[k >> axis & 1 for axis in range(3)] for k in range(8)])
+
+@cache
+def _lattice(dimension: int) -> Ints:
+    """(3^d, d) nodes of a divided box, in halves of the box; odd coordinates are those of middles."""
+    return frozen_ints(np.array(list(product(range(3), repeat=dimension))))
+
+
+@cache
+def _corners(dimension: int) -> Ints:
+    """(2^d, d) corners of a box, each with its place by bits."""
+    return frozen_ints(np.arange(1 << dimension)[:, None] >> np.arange(dimension) & 1)
 
 
 class Split(NamedTuple):
@@ -29,6 +39,12 @@ class Split(NamedTuple):
 
     corners: Ints
     middles: Ints
+
+
+def _offsets(boxes: Sequence[CellBoxes]) -> Ints:
+    """(groups + 1,) where the elements of each group begin, among those of all groups."""
+    counts = [max(int(own.leaves.rows.max()), int(own.divided.rows.max(initial=0))) + 1 for own in boxes]
+    return np.concatenate([[0], np.cumsum(counts)])
 
 
 class BoxNodes:
@@ -42,21 +58,20 @@ class BoxNodes:
 
     def __init__(self, cells: Cells, level: Expression) -> None:
         self.cells, self.level = cells, level
+        self.dimension = d = len(cells.boxes[0].splits)
         self._deepest = max(int(own.leaves.halvings.max()) for own in cells.boxes)
         self._counts = np.array([2 << (np.array(own.splits) + self._deepest) for own in cells.boxes])
         self._length = int(self._counts.max()) + 1
-        ends = [int(own.leaves.rows.max()) + 1 for own in cells.boxes]
-        ends = [max(end, int(own.divided.rows.max(initial=0)) + 1) for end, own in zip(ends, cells.boxes, strict=True)]
-        self._offsets = np.concatenate([[0], np.cumsum(ends)])
-        if int(self._offsets[-1]) * self._length**3 >= 1 << 63:
+        self._offsets = _offsets(cells.boxes)
+        if int(self._offsets[-1]) * self._length**d >= 1 << 63:
             raise ElvisError("expected a tolerance that some millions of triangles reach, found a smaller one")
 
-        leaves = [self._keys(group, own.leaves, _CORNERS * 2) for group, own in enumerate(cells.boxes)]
+        leaves = [self._keys(group, own.leaves, 2 * _corners(d)) for group, own in enumerate(cells.boxes)]
         self.leaves: Ints = np.concatenate(leaves)
         least = min(int(own.leaves.halvings.min()) for own in cells.boxes)
         divided = [own.divided.take(own.divided.halvings >= least) for own in cells.boxes]
-        self._divided = np.concatenate([self._keys(group, own, _LATTICE) for group, own in enumerate(divided)])
-        is_outer = (_LATTICE != 1).any(axis=1)
+        self._divided = np.concatenate([self._keys(group, own, _lattice(d)) for group, own in enumerate(divided)])
+        is_outer = (_lattice(d) != 1).any(axis=1)
         self.keys: Ints = np.unique(np.concatenate([self.leaves.ravel(), self._divided[:, is_outer].ravel()]))
         self._number_all()
 
@@ -64,13 +79,14 @@ class BoxNodes:
         """(n, k) keys of places (k, 3) of boxes, in halves of a box."""
         half = 1 << (self._deepest - boxes.halvings)
         places = half[:, None, None] * (2 * boxes.index[:, None, :] + lattice)
-        powers = self._length ** np.arange(2, -1, -1)
-        return np.asarray((self._offsets[group] + boxes.rows)[:, None] * self._length**3 + places @ powers)
+        powers = self._length ** np.arange(self.dimension - 1, -1, -1)
+        start = (self._offsets[group] + boxes.rows) * self._length**self.dimension
+        return np.asarray(start[:, None] + places @ powers)
 
     def places(self, keys: Ints) -> CellPlaces:
         """The places of nodes."""
-        slot, rest = np.divmod(keys, self._length**3)
-        lattice = np.stack(np.unravel_index(rest, (self._length,) * 3), axis=1)
+        slot, rest = np.divmod(keys, self._length**self.dimension)
+        lattice = np.stack(np.unravel_index(rest, (self._length,) * self.dimension), axis=1)
         group = np.searchsorted(self._offsets, slot, side="right") - 1
         return CellPlaces(group, slot - self._offsets[group], lattice / self._counts[group])
 
@@ -108,21 +124,24 @@ class BoxNodes:
 
     def edges(self) -> Split:
         """The edges of divided boxes."""
-        where = [(k, axis) for k in range(27) for axis in range(3) if _LATTICE[k, axis] == 1]
-        where = [(k, axis) for k, axis in where if (_LATTICE[k] == 1).sum() == 1]
-        middle, axis = np.array(where).T
-        step = 3 ** (2 - axis)
+        lattice = _lattice(self.dimension)
+        middle = np.flatnonzero((lattice == 1).sum(axis=1) == 1)
+        step = self._steps()[(lattice[middle] == 1).argmax(axis=1)]
         ends = self._divided[:, np.stack([middle - step, middle + step], axis=1)]
         return Split(ends.reshape(-1, 2), self._divided[:, middle].ravel())
 
     def faces(self) -> Split:
-        """The faces of divided boxes."""
+        """The faces of divided boxes, in three dimensions."""
         found = []
-        for middle in np.flatnonzero((_LATTICE == 1).sum(axis=1) == 2):
-            a, b = 3 ** (2 - np.flatnonzero(_LATTICE[middle] == 1))
+        for middle in np.flatnonzero((_lattice(3) == 1).sum(axis=1) == 2):
+            a, b = self._steps()[_lattice(3)[middle] == 1]
             found.append([middle - a - b, middle + a - b, middle + a + b, middle - a + b, middle])
         where = np.array(found)
         return Split(self._divided[:, where[:, :4]].reshape(-1, 4), self._divided[:, where[:, 4]].ravel())
+
+    def _steps(self) -> Ints:
+        """(d,) by how much the number of a node in its box rises along each axis."""
+        return 3 ** np.arange(self.dimension - 1, -1, -1)
 
     def match(self, keys: Ints, numbers: Ints) -> Bools:
         """(n,) whether nodes (n,) have these numbers; new ones get them if their places and values are the same."""

@@ -29,7 +29,7 @@ class Boxes:
     """Some boxes of a cell.
 
     rows      (n,) of the patch
-    index     (n, 3) counts boxes of their size from the cell's corner
+    index     (n, d) counts boxes of their size from the cell's corner
     halvings  (n,) how often their cells were bisected
     bounds    (n,) how far triangles are from the surface there at most
     """
@@ -59,7 +59,7 @@ class CellBoxes:
     patch: int
     shape: Shape
     cell: int
-    splits: tuple[int, int, int]
+    splits: tuple[int, ...]
     leaves: Boxes
     divided: Boxes
 
@@ -74,9 +74,10 @@ def refined(blocks: Sequence[CellBlock], tolerance: float) -> list[CellBoxes]:
     found = []
     for _, same in groupby(parts, key=lambda part: (part[0].patch, part[0].cell)):
         block, *lists = zip(*same, strict=True)
-        leaves, divided = (_joined([each for own in lists_ for each in own]) for lists_ in lists)
+        first = block[0]
+        d = first.shape.dimension
+        leaves, divided = (_joined([each for own in parts for each in own], d) for parts in lists)
         if len(leaves):
-            first = block[0]
             found.append(CellBoxes(first.patch, first.shape, first.cell, first.splits, leaves, divided))
     return found
 
@@ -118,9 +119,9 @@ def _are_many(bounds: Floats, tolerance: float) -> bool:
     return len(bounds) * 8 > _MOST_BOXES or foreseen > _SLACK * _MOST_BOXES
 
 
-def _joined(parts: Sequence[Boxes]) -> Boxes:
+def _joined(parts: Sequence[Boxes], dimension: int) -> Boxes:
     """All boxes of several lists."""
-    empty = Boxes(np.empty(0, np.int64), np.empty((0, 3), np.int64), np.empty(0, np.int64), np.empty(0))
+    empty = Boxes(np.empty(0, np.int64), np.empty((0, dimension), np.int64), np.empty(0, np.int64), np.empty(0))
     names = ("rows", "index", "halvings", "bounds")
     return Boxes(*(np.concatenate([getattr(own, name) for own in (empty, *parts)]) for name in names))
 

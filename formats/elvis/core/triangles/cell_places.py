@@ -25,7 +25,7 @@ SAME_VALUE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class CellPlaces:
-    """Places (n, 3) in [0, 1]^3 of cells: numbers (n,) of groups of boxes, and rows (n,) of their patches."""
+    """Places (n, d) in [0, 1]^d of cells: numbers (n,) of groups of boxes, and rows (n,) of their patches."""
 
     group: Ints
     row: Ints
@@ -86,7 +86,7 @@ class Cells:
         """(n,) determinants of the map from the cell to the world."""
         found = np.empty(len(places))
         for here, points, columns in self.points(places):
-            found[here] = np.linalg.det(points.jacobians @ columns)
+            found[here] = np.linalg.det(points.jacobians[:, : columns.shape[1]] @ columns)
         return found
 
 

@@ -1,9 +1,10 @@
-"""Boxes of several sizes as tetrahedra that meet face to face.
+"""Boxes of several sizes as tetrahedra that meet face to face, in 2D as triangles.
 
 A box is the union of tetrahedra between its middle and triangles of its faces.  A face that is divided on its other
 side is divided here too, and an edge wherever a box at it is.  A face with undivided edges is cut by the diagonal from
 its corner with the lowest number; one with divided edges is a fan around its middle.  Elements that share the nodes of
-a face have the same numbers for them, and so cut it alike.
+a face have the same numbers for them, and so cut it alike.  A box in 2D is the union of triangles between its middle
+and the parts of its edges.
 """
 
 from __future__ import annotations
@@ -17,6 +18,9 @@ from elvis.core.triangles.box_nodes import BoxNodes, Split
 
 #: corners around each face of a box, counter-clockwise from outside
 _FACES = np.array([[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]])
+
+#: corners around a box in 2D
+_SQUARE = np.array([0, 1, 3, 2])
 
 
 class Quads(NamedTuple):
@@ -61,30 +65,39 @@ class _Middles:
         return found
 
 
-def conforming_tetrahedra(nodes: BoxNodes) -> tuple[Ints, Ints]:
-    """Rows (n,) of boxes, and the nodes (n, 4) of right-handed tetrahedra with values of either sign.
+def conforming_simplices(nodes: BoxNodes) -> tuple[Ints, Ints]:
+    """Rows (n,) of boxes, and the nodes (n, d + 1) of right-handed simplices with values of either sign.
 
     The first node is the middle of the box.
     """
-    edges, faces = _Middles(nodes, nodes.edges()), _Middles(nodes, nodes.faces())
-    count = len(nodes.leaves)
-    quads = Quads(np.repeat(np.arange(count), len(_FACES)), nodes.leaves[:, _FACES].reshape(-1, 4))
-    quads = _divided(nodes, quads, edges, faces)
-    segments, is_fan = _segments(nodes, quads, edges)
-
-    middles = (nodes.leaves[:, 0] + nodes.leaves[:, 7]) // 2
+    edges = _Middles(nodes, nodes.edges())
+    sides = _triangles(nodes, edges) if nodes.dimension == 3 else _lines(nodes, edges)
+    middles = (nodes.leaves[:, 0] + nodes.leaves[:, -1]) // 2
     nodes.add(middles, is_shared=False)
-    fans = quads.take(is_fan)
-    nodes.add((fans.corners[:, 0] + fans.corners[:, 2]) // 2, is_shared=True)
-    plain = _halves(nodes, quads.take(~is_fan))
-    fan = _fans(quads, segments, is_fan)
-
-    box = np.concatenate([plain.box, fan.box])
-    corners = np.concatenate([plain.corners, fan.corners])
-    found = nodes.index(np.column_stack([middles[box], corners]))
+    found = nodes.index(np.column_stack([middles[sides.box], sides.corners]))
     is_high = nodes.values[nodes.numbers[found]] >= 0
     is_mixed = is_high.any(axis=1) & ~is_high.all(axis=1)
-    return box[is_mixed], found[is_mixed]
+    return sides.box[is_mixed], found[is_mixed]
+
+
+def _lines(nodes: BoxNodes, edges: _Middles) -> Quads:
+    """Lines (n, 2) around boxes in 2D."""
+    squares = Quads(np.arange(len(nodes.leaves)), nodes.leaves[:, _SQUARE])
+    segments, _ = _segments(nodes, squares, edges)
+    return Quads(*segments)
+
+
+def _triangles(nodes: BoxNodes, edges: _Middles) -> Quads:
+    """Triangles (n, 3) of the faces of boxes."""
+    faces = _Middles(nodes, nodes.faces())
+    box = np.repeat(np.arange(len(nodes.leaves)), len(_FACES))
+    quads = Quads(box, nodes.leaves[:, _FACES].reshape(-1, 4))
+    quads = _divided(nodes, quads, edges, faces)
+    segments, is_fan = _segments(nodes, quads, edges)
+    fans = quads.take(is_fan)
+    nodes.add((fans.corners[:, 0] + fans.corners[:, 2]) // 2, is_shared=True)
+    plain, fan = _halves(nodes, quads.take(~is_fan)), _fans(quads, segments, is_fan)
+    return Quads(np.concatenate([plain.box, fan.box]), np.concatenate([plain.corners, fan.corners]))
 
 
 def _divided(nodes: BoxNodes, quads: Quads, edges: _Middles, faces: _Middles) -> Quads:

@@ -4,7 +4,7 @@ Inside the Bernstein ellipse of parameter rho, an analytic f differs from a numb
 degree n then differs from f by at most 2 M rho^-n / (rho - 1) on [-1, 1], and the one through the nodes by at most
 1 + L times that, with the Lebesgue constant L of the nodes (Trefethen 2013, Approximation theory and approximation
 practice, theorems 8.2 and 15.1).  On a cube the errors of the three directions add up, the second one times L and the
-third one times L^2.
+third one times L^2; on a square there are two of them.
 
 M follows by complex discs from discs of coordinates, fields and derivatives, which are polynomials on the cell: the sum
 of their Chebyshev coefficients but for the first, times the largest value of each term on the ellipse.
@@ -56,7 +56,7 @@ class Interpolated(Protocol):
 def interpolation_errors(of: Interpolated, rows: Ints, in_cell: Callable[[Floats], Floats], degree: int) -> Floats:
     """(n,) bounds of the error of the interpolation of an expression on cells of elements ``rows`` (n,).
 
-    in_cell  reference points (k^3, 3) of the lattice of places (k,) in [0, 1] of a cell
+    in_cell  reference points (k^d, d) of the lattice of places (k,) in [0, 1] of a cell
     degree   of the polynomials, through values at `places_of` it
 
     Infinite if a leaf is not a polynomial, or no disc is known.
@@ -70,10 +70,11 @@ def interpolation_errors(of: Interpolated, rows: Ints, in_cell: Callable[[Floats
 
     with np.errstate(all="ignore"):
         _, radius = fold(of.level.root, leaf, lambda node, parts: function(node).disc(*parts))
-    radius = np.broadcast_to(radius, (len(rows), 3, len(_RHOS)))
+    d = of.patch.shape.dimension
+    radius = np.broadcast_to(radius, (len(rows), d, len(_RHOS)))
     largest = _lebesgue(degree)
     best = np.where(np.isfinite(radius), 2 * radius * _RHOS**-degree / (_RHOS - 1), np.inf).min(axis=2)
-    return np.asarray((1 + largest) * best @ np.array([1.0, largest, largest**2]))
+    return np.asarray((1 + largest) * best @ largest ** np.arange(d))
 
 
 #: the disc of everything
@@ -82,31 +83,35 @@ _UNKNOWN: Disc = (0.0, np.inf)
 
 def _leaf_discs(of: Interpolated, node: Node, rows: Ints, in_cell: Callable[[Floats], Floats], known: Cleared) -> Disc:
     """Discs of a polynomial on cells, or of a derivative: the quotient of a polynomial and det J."""
+    d = of.patch.shape.dimension
     lattice = Lattice(of.patch, rows, in_cell(places_of(max(1, known.degree))))
     values = np.broadcast_to(of.evaluator.leaves_at(lattice)(node), len(lattice))
     if not known.power:
-        return _discs(values, len(rows))
+        return _discs(values, len(rows), d)
 
-    determinants = np.linalg.det(lattice.jacobians)
-    numerator = _discs(values * determinants, len(rows))
+    numerator = _discs(values * np.linalg.det(lattice.jacobians[:, :d]), len(rows), d)
     lattice = Lattice(of.patch, rows, in_cell(places_of(jacobian_degrees(of.patch)[1])))
-    return discs.over(numerator, _discs(np.linalg.det(lattice.jacobians), len(rows)))
+    return discs.over(numerator, _discs(np.linalg.det(lattice.jacobians[:, :d]), len(rows), d))
 
 
-def _discs(values: Floats, elements: int) -> Disc:
-    """Discs from values at the lattices of cells: (n, 1, 1) middles, and radii (n, 3, parameters) by direction."""
-    count = round(np.cbrt(len(values) / elements))
-    found = values.reshape(elements, count, count, count)
+def _discs(values: Floats, elements: int, d: int) -> Disc:
+    """Discs from values at the lattices of cells: (n, 1, 1) middles, and radii (n, d, parameters) by direction."""
+    count = round((len(values) / elements) ** (1 / d))
+    coefficients = values.reshape(elements, *(count,) * d)
     inverse = np.linalg.inv(chebyshev.chebvander(2 * places_of(count - 1) - 1, count - 1))
-    coefficients = np.einsum("nijk,ai,bj,ck->nabc", found, inverse, inverse, inverse, optimize=True)
-    sizes = np.abs(coefficients)
-    sizes[:, 0, 0, 0] = 0.0
+    for _ in range(d):
+        # each direction in turn is the last one, and becomes the first one
+        coefficients = np.moveaxis(coefficients @ inverse.T, -1, 1)
+    middle = coefficients.reshape(elements, -1)[:, 0]
+    sizes = np.ascontiguousarray(np.abs(coefficients))
+    sizes.reshape(elements, -1)[:, 0] = 0.0
 
     # the largest value of each Chebyshev polynomial on each ellipse
     powers = np.arange(count)[:, None]
     growth = (_RHOS**powers + _RHOS**-powers) / 2
-    along = [sizes.sum(axis=tuple(other for other in (1, 2, 3) if other != axis + 1)) @ growth for axis in range(3)]
-    return coefficients[:, 0, 0, 0][:, None, None], np.stack(along, axis=1)
+    axes = range(1, d + 1)
+    along = [sizes.sum(axis=tuple(other for other in axes if other != axis)) @ growth for axis in axes]
+    return middle[:, None, None], np.stack(along, axis=1)
 
 
 @bounded_cache

@@ -1,19 +1,21 @@
 """Boxes that the surface q = 0 may meet, and how far its triangles may be from it there.
 
-The cells of `elvis.core.integrals.subcells` cover an element: images of the unit cube.  On a cell q and the map x are
-tensor polynomials with Bernstein nets.  A net of one sign proves that q has no zero in its box; nets of second
-differences bound second derivatives, and so what linear interpolation leaves.
+The cells of `elvis.core.integrals.subcells` cover an element: images of the unit cube, in 2D of the unit square.  On a
+cell q and the map x are tensor polynomials with Bernstein nets.  A net of one sign proves that q has no zero in its
+box; nets of second differences bound second derivatives, and so what linear interpolation leaves.  In 2D the surface is
+a curve, and lines stand for triangles.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
 from elvis.core.errors import ElvisError
 from elvis.core.integrals.reference_cells import Piece
 from elvis.core.integrals.subcells import corners, subcell_map
@@ -42,9 +44,6 @@ ROUNDING = 1e-13
 _FLAT = 1e-12
 #: elements of a block at most
 _ELEMENTS = 128
-#: products of the extents of tetrahedra in a box, which are those of the box but for one, half of it
-_EXTENTS = 1 - np.eye(3) / 2
-_PRODUCTS = _EXTENTS[:, :, None] * _EXTENTS[:, None, :]
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,9 +54,9 @@ class CellBlock:
     cell    number of the cell in the shape
     splits  halvings in each direction before all directions are bisected together
     rows    (n,) of the patch
-    index   (n, 3) counts boxes of their size from the cell's corner
-    levels  (n, D, D, D) nets of q
-    maps    (n, 3, M, M, M) nets of the map
+    index   (n, d) counts boxes of their size from the cell's corner
+    levels  (n, D, …, D) nets of q
+    maps    (n, d, M, …, M) nets of the map
     slack   (n,) how far q may be from its polynomial at most
     is_exact  whether q is within that of its polynomial, and the map is its polynomial
     """
@@ -65,7 +64,7 @@ class CellBlock:
     patch: int
     shape: Shape
     cell: int
-    splits: tuple[int, int, int]
+    splits: tuple[int, ...]
     rows: Ints
     index: Ints
     levels: Floats
@@ -85,11 +84,12 @@ class CellBlock:
         own: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
         return replace(parts[0], **own)
 
-    def halved(self, axes: Sequence[int] = (0, 1, 2)) -> CellBlock:
-        """The halves of each box in some directions that may have a zero."""
+    def halved(self, axes: Sequence[int] | None = None) -> CellBlock:
+        """The halves of each box in some directions, by default in all, that may have a zero."""
         rows, index, levels, maps, slack = self.rows, self.index, self.levels, self.maps, self.slack
-        for axis in axes:
-            step = np.eye(3, dtype=np.int64)[axis]
+        d = index.shape[1]
+        for axis in range(d) if axes is None else axes:
+            step = np.eye(d, dtype=np.int64)[axis]
             grown = index * (1 + step)
             rows, slack = np.tile(rows, 2), np.tile(slack, 2)
             index = np.concatenate([grown, grown + step])
@@ -99,7 +99,7 @@ class CellBlock:
         return whole.take(near)
 
 
-def first_halvings(shape: Shape, is_mixed: bool) -> tuple[int, int, int]:
+def first_halvings(shape: Shape, is_mixed: bool) -> tuple[int, ...]:
     """Bisections of a cell in each direction that make it as fine as its neighbours.
 
     Cells at the corners of simplices are half as long as their edges; so are cells of prisms in their triangles.
@@ -107,7 +107,7 @@ def first_halvings(shape: Shape, is_mixed: bool) -> tuple[int, int, int]:
     """
     if shape is Shape.PRISM:
         return 0, 1, 0
-    return (int(is_mixed and len(corners(shape)) == 1),) * 3
+    return (int(is_mixed and len(corners(shape)) == 1),) * shape.dimension
 
 
 def cell_blocks(evaluator: Evaluator, level: Expression) -> Iterator[CellBlock]:
@@ -122,11 +122,12 @@ def cell_blocks(evaluator: Evaluator, level: Expression) -> Iterator[CellBlock]:
             least = min(max(_DEGREE_OF_OTHERS, _highest(patch)), 2 * _DEGREE_OF_OTHERS)
             degrees = tuple(least + own for own in _HIGHER) if degree is None else (max(1, degree),)
             nets = _CellNets(evaluator, level, patch, is_affine, degrees, degree is not None)
-            numbers = (degrees[-1] + 1) ** 3 + 3 * (_map_degree(patch) + 1) ** 3
+            d = patch.shape.dimension
+            numbers = (degrees[-1] + 1) ** d + d * (_map_degree(patch) + 1) ** d
             for some in chunks(len(rows), max(1, _NUMBERS // numbers)):
                 for block in _blocks_of(nets, number, rows[some]):
                     splits = first_halvings(patch.shape, is_mixed)
-                    yield replace(block, splits=splits).halved([axis for axis in range(3) if splits[axis]])
+                    yield replace(block, splits=splits).halved([axis for axis in range(d) if splits[axis]])
 
 
 def _by_map(patch: Patch) -> Iterator[tuple[Ints, bool]]:
@@ -172,7 +173,7 @@ class _CellNets:
             if self.is_exact:
                 return levels, np.zeros(len(rows)), True
             slack = interpolation_errors(self, rows, lambda places: _in_cell(self.patch.shape, cell, places), degree)
-            if (slack <= _NEGLIGIBLE * np.ptp(levels, axis=(1, 2, 3))).all():
+            if (slack <= _NEGLIGIBLE * np.ptp(levels.reshape(len(rows), -1), axis=1)).all():
                 return levels, slack, True
             first = levels if first is None else first
         assert first is not None
@@ -184,7 +185,7 @@ class _CellNets:
         nets = NetsOf(self.level, self.evaluator, self.patch, places)
         found = nets.on(rows, _in_cell(self.patch.shape, cell, places))
         if not np.isfinite(found).all():
-            bad = self.patch.element_ids[rows[~np.isfinite(found).all(axis=(1, 2, 3))]][0]
+            bad = self.patch.element_ids[rows[~np.isfinite(found.reshape(len(rows), -1)).all(axis=1)]][0]
             raise ElvisError(f"{self.level.text}: expected finite values, found others in element {bad}")
         return found
 
@@ -198,17 +199,17 @@ def _blocks_of(nets: _CellNets, number: int, rows: Ints) -> Iterator[CellBlock]:
         near = ~_has_one_sign(levels, slack)
         lattice = _in_cell(patch.shape, cell, map_places)
         world = evaluate(patch.geometry, patch.geometry_coefficients[rows[near]], lattice)
-        count = len(map_places)
-        maps = nets_through(world.reshape(-1, count**3), map_places, 3).reshape(-1, 3, count, count, count)
-        start = np.zeros((int(near.sum()), 3), np.int64)
+        count, d = len(map_places), patch.shape.dimension
+        maps = nets_through(world[:, :d].reshape(-1, count**d), map_places, d).reshape(-1, d, *(count,) * d)
+        start = np.zeros((int(near.sum()), d), np.int64)
         own = rows[near], start, levels[near], maps, slack[near], is_bounded
-        whole = CellBlock(number, patch.shape, cell, (0, 0, 0), *own)
+        whole = CellBlock(number, patch.shape, cell, (0,) * d, *own)
         yield from (whole.take(some) for some in chunks(len(whole.rows), _ELEMENTS))
 
 
 def _in_cell(shape: Shape, cell: int, places: Floats) -> Floats:
-    """(n^3, 3) reference points of the lattice of places (n,) each way in a cell."""
-    lattice = lattice_of(places, 3)
+    """(n^d, d) reference points of the lattice of places (n,) each way in a cell."""
+    lattice = lattice_of(places, shape.dimension)
     return subcell_map(shape, np.full(len(lattice), cell), lattice)[0]
 
 
@@ -230,7 +231,7 @@ def distance_bounds(block: CellBlock) -> tuple[Floats, Bools]:
     differs from the place of these weights by the curvature of the map.  The increase of q along G is at least |G|,
     minus the effect of r.
     """
-    flat = block.maps.reshape(len(block.maps), 3, -1)
+    flat = block.maps.reshape(*block.maps.shape[:2], -1)
     diagonal = np.linalg.norm(np.ptp(flat, axis=2), axis=1)
     found = _bounds(block)
     return np.fmin(found, diagonal), np.isfinite(found)
@@ -238,18 +239,19 @@ def distance_bounds(block: CellBlock) -> tuple[Floats, Bools]:
 
 def _bounds(block: CellBlock) -> Floats:
     """(n,) see `distance_bounds`; infinite if the slope along the gradient may vanish."""
-    jacobian = np.stack([middle_gradient(block.maps[:, axis]) for axis in range(3)], axis=1)
+    axes = range(block.maps.shape[1])
+    jacobian = np.stack([middle_gradient(block.maps[:, axis]) for axis in axes], axis=1)
     with np.errstate(all="ignore"):
         inverse = np.nan_to_num(_inverses(jacobian), posinf=0, neginf=0)
     gradient = np.einsum("nic,ni->nc", inverse, middle_gradient(block.levels))
-    linear = np.einsum("nc,ncijk->nijk", gradient, block.maps)
+    linear = np.einsum("nc,nc...->n...", gradient, block.maps)
     bends = second_derivatives(difference(block.levels, linear))
-    size = np.abs(linear).max(axis=(1, 2, 3)) + np.abs(block.levels).max(axis=(1, 2, 3))
+    size = _largest(linear) + _largest(block.levels)
     bends[bends <= _FLAT * size[:, None, None]] = 0.0
 
     # the map with the unit matrix for its derivative in the middle
-    upright = np.einsum("ndc,ncijk->ndijk", inverse, block.maps)
-    map_bends = np.stack([second_derivatives(upright[:, axis]) for axis in range(3)], axis=1)
+    upright = np.einsum("ndc,nc...->nd...", inverse, block.maps)
+    map_bends = np.stack([second_derivatives(upright[:, axis]) for axis in axes], axis=1)
     is_flat = ~bends.any(axis=(1, 2)) & (block.slack == 0)
     return np.where(is_flat, 0.0, _bound(inverse, gradient, bends, map_bends, block.slack))
 
@@ -257,9 +259,9 @@ def _bounds(block: CellBlock) -> Floats:
 def _bound(inverse: Floats, gradient: Floats, bends: Floats, map_bends: Floats, slack: Floats) -> Floats:
     """(n,) see `distance_bounds`.
 
-    inverse    (n, 3, 3) Jacobians in the middle
-    bends      (n, 3, 3) bounds of second derivatives of r
-    map_bends  (n, 3, 3, 3) the same of each component of the map with a unit Jacobian in the middle
+    inverse    (n, d, d) Jacobians in the middle
+    bends      (n, d, d) bounds of second derivatives of r
+    map_bends  (n, d, d, d) the same of each component of the map with a unit Jacobian in the middle
     slack      (n,) how far q is from its polynomial at most: at the corners of triangles, and where q changes its sign
     """
     # the Jacobian differs from the unit matrix by at most `turn`, its inverse by turn / (1 - turn), in the row sum norm
@@ -270,18 +272,35 @@ def _bound(inverse: Floats, gradient: Floats, bends: Floats, map_bends: Floats, 
         steepness = bends.sum(axis=2) / 2
         step = grown(np.abs(np.einsum("nic,nc->ni", inverse, gradient)) / slope[:, None], more)
         least = slope - (steepness * step).sum(axis=1)
-        shift = grown(np.einsum("ncij,kij->knc", map_bends, _PRODUCTS / 8).max(axis=0), more)
-        error = np.einsum("nij,kij->kn", bends, _PRODUCTS / 8).max(axis=0) + (steepness * shift).sum(axis=1)
+        products = _products(gradient.shape[1]) / 8
+        shift = grown(np.einsum("ncij,kij->knc", map_bends, products).max(axis=0), more)
+        error = np.einsum("nij,kij->kn", bends, products).max(axis=0) + (steepness * shift).sum(axis=1)
         return np.where((turn < 1) & (least > 0), (error + 2 * slack) / least, np.inf)
 
 
+def _largest(nets: Floats) -> Floats:
+    """(n,) largest magnitudes in nets (n, …)."""
+    return np.asarray(np.abs(nets).reshape(len(nets), -1).max(axis=1))
+
+
+@cache
+def _products(dimension: int) -> Floats:
+    """(d, d, d) products of the extents of tetrahedra in a box: those of the box but for one, which is half of it."""
+    extents = 1 - np.eye(dimension) / 2
+    return frozen_floats(extents[:, :, None] * extents[:, None, :])
+
+
 def grown(vectors: Floats, more: Floats) -> Floats:
-    """Magnitudes (n, 3) that a matrix enlarges by a share ``more`` (n,) of the largest."""
+    """Magnitudes (n, d) that a matrix enlarges by a share ``more`` (n,) of the largest."""
     return np.asarray(vectors + (more * vectors.max(axis=1))[:, None])
 
 
 def _inverses(matrices: Floats) -> Floats:
-    """(n, 3, 3) inverses by cofactors; not finite where there are none."""
+    """(n, d, d) inverses by cofactors, of two or three dimensions; not finite where there are none."""
+    if matrices.shape[1] == 2:
+        (a, b), (c, d) = matrices.transpose(1, 2, 0)
+        cofactors = np.stack([np.stack([d, -b]), np.stack([-c, a])])
+        return np.asarray((cofactors / (a * d - b * c)).transpose(2, 0, 1))
     a, b, c = matrices[:, :, 0], matrices[:, :, 1], matrices[:, :, 2]
     rows = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
     return np.asarray(rows / np.einsum("ni,ni->n", a, rows[:, 0])[:, None, None])

@@ -1,4 +1,4 @@
-"""Triangles in tetrahedra between corners with values of either sign.
+"""Triangles in tetrahedra between corners with values of either sign, and lines in triangles.
 
 Marching tetrahedra: Doi and Koide 1991, An efficient method of triangulating equi-valued surfaces by using tetrahedral
 cells.
@@ -6,45 +6,44 @@ cells.
 
 from __future__ import annotations
 
+from functools import cache
 from itertools import product
 
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints, frozen_ints
 
-#: corners of a tetrahedron whose edges from the first corner are right-handed
-_CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 
-
-def triangles_between(is_high: Bools) -> tuple[Ints, Ints]:
+def parts_between(is_high: Bools) -> tuple[Ints, Ints]:
     """Rows (m,) and triangles (m, 3, 2) of right-handed tetrahedra with corners (n, 4) that are high or not.
 
-    Each corner of a triangle lies on the edge between two of the corners 0 to 3.  Triangles are counter-clockwise seen
-    from high corners.
+    Of triangles with corners (n, 3): lines (m, 2, 2).  Each corner lies on the edge between two of the corners 0 to 3.
+    Triangles are counter-clockwise seen from high corners; lines have these on their left.
     """
-    case = is_high @ (1 << np.arange(4))
-    rows, triangles = [], []
-    for own in _TRIANGLES.transpose(1, 0, 2, 3):
+    case = is_high @ (1 << np.arange(is_high.shape[1]))
+    rows, parts = [], []
+    for own in np.moveaxis(_table(is_high.shape[1] - 1), 1, 0):
         here = np.flatnonzero(own[case, 0, 0] >= 0)
         rows.append(here)
-        triangles.append(own[case[here]])
-    return np.concatenate(rows), np.concatenate(triangles)
+        parts.append(own[case[here]])
+    return np.concatenate(rows), np.concatenate(parts)
 
 
-def _table() -> Ints:
-    """(16, 2, 3, 2) triangles of each case, numbered by the bits of high corners; -1 where there are none."""
-    found = np.full((16, 2, 3, 2), -1)
-    for bits in product((False, True), repeat=4):
+@cache
+def _table(dimension: int) -> Ints:
+    """(2^(d + 1), d - 1, d, 2) parts of each case, numbered by the bits of high corners; -1 where there are none."""
+    found = np.full((2 << dimension, dimension - 1, dimension, 2), -1)
+    for bits in product((False, True), repeat=dimension + 1):
         is_high = np.array(bits)
-        case = int(is_high @ (1 << np.arange(4)))
-        for number, triangle in enumerate(_of_case(np.flatnonzero(is_high), np.flatnonzero(~is_high))):
-            found[case, number] = _turned(triangle, is_high)
+        case = int(is_high @ (1 << np.arange(dimension + 1)))
+        for number, part in enumerate(_of_case(np.flatnonzero(is_high), np.flatnonzero(~is_high))):
+            found[case, number] = _turned(part, is_high)
     return frozen_ints(found)
 
 
 def _of_case(high: Ints, low: Ints) -> list[Ints]:
-    """The triangles (3, 2) between corners, in some order."""
-    if len(high) == 2:
+    """The triangles (3, 2) or lines (2, 2) between corners, in some order."""
+    if len(high) == len(low):
         (a, b), (c, d) = high, low
         around = np.array([(a, c), (a, d), (b, d), (b, c)])
         return [around[[0, 1, 2]], around[[0, 2, 3]]]
@@ -52,12 +51,11 @@ def _of_case(high: Ints, low: Ints) -> list[Ints]:
     return [edges] if len(edges) else []
 
 
-def _turned(triangle: Ints, is_high: Bools) -> Ints:
-    """A triangle counter-clockwise seen from high corners."""
-    middles: Floats = _CORNERS[triangle].mean(axis=1)
-    normal = np.cross(middles[1] - middles[0], middles[2] - middles[0])
-    way = _CORNERS[is_high].mean(axis=0) - _CORNERS[~is_high].mean(axis=0)
-    return triangle if normal @ way > 0 else triangle[::-1]
-
-
-_TRIANGLES = _table()
+def _turned(part: Ints, is_high: Bools) -> Ints:
+    """A triangle counter-clockwise seen from high corners, or a line with these on its left."""
+    d = len(is_high) - 1
+    corners: Floats = np.concatenate([np.zeros((1, d)), np.eye(d)])
+    middles = corners[part].mean(axis=1)
+    way = corners[is_high].mean(axis=0) - corners[~is_high].mean(axis=0)
+    is_right = np.linalg.det(np.vstack([middles[1:] - middles[0], way])) > 0
+    return part if is_right else part[::-1]

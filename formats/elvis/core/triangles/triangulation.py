@@ -23,10 +23,10 @@ from elvis.core.shapes import Shape
 from elvis.core.triangles.box_nodes import BoxNodes
 from elvis.core.triangles.cell_boxes import refined
 from elvis.core.triangles.cell_places import CellPlaces, Cells
-from elvis.core.triangles.conforming_boxes import conforming_tetrahedra
+from elvis.core.triangles.conforming_boxes import conforming_simplices
 from elvis.core.triangles.level_cells import CellBlock, cell_blocks
 from elvis.core.triangles.surface_triangles import SurfaceTriangles, default_tolerance
-from elvis.core.triangles.tetrahedra import triangles_between
+from elvis.core.triangles.tetrahedra import parts_between
 
 #: steps of the search for a zero on an edge
 _STEPS = 80
@@ -66,15 +66,15 @@ def level_triangles(
     distance = float(bounds.max())
     found = SurfaceTriangles(positions, triangles, np.zeros_like(positions), named, distance, is_bound)
     normals = _units(values[: len(gradient)].T) if gradient else _means(found)
-    return replace(found, normals=normals, remarks=_remarks(evaluator, bounds[bounds > wanted]))
+    return replace(found, normals=normals, remarks=remarks(evaluator, bounds[bounds > wanted]))
 
 
 def prepared(
-    dataset: Dataset, surface: str, quantities: Sequence[str]
+    dataset: Dataset, surface: str, quantities: Sequence[str], dimension: int = 3
 ) -> tuple[Expression, list[Expression], Evaluator]:
     """The expression that is zero on the surface, its gradient if it has one, and the evaluator for all quantities."""
-    if dataset.mesh.dimension != 3:
-        raise ElvisError(f"{surface}: expected 3D data, found {dataset.mesh.dimension}D data")
+    if dataset.mesh.dimension != dimension:
+        raise ElvisError(f"{surface}: expected {dimension}D data, found {dataset.mesh.dimension}D data")
     known = Level.parse(dataset, surface)
     if known is None:
         forms = "QUANTITY=VALUE, plane:P:N, sphere:C:R or cylinder:P:A:R"
@@ -97,7 +97,7 @@ def _without_root(root: Node) -> Node:
 
 
 def cells_within(evaluator: Evaluator, blocks: Sequence[CellBlock], tolerance: float) -> Cells:
-    """The boxes whose triangles are within the tolerance, wherever bounds show that."""
+    """The boxes whose triangles or lines are within the tolerance, wherever bounds show that."""
     return Cells(evaluator, refined(blocks, tolerance))
 
 
@@ -106,10 +106,10 @@ class Marched:
     """Triangles in boxes, with their corners on the surface.
 
     nodes      (n,) corners of triangles
-    triangles  (m, 3) rows of these
+    triangles  (m, 3) rows of these; lines (m, 2) in 2D
     corners    nodes of boxes
-    numbers    (m, 3, 2) the nodes of the box of each triangle between which each of its corners lies
-    shares     (m, 3) where it lies between the two
+    numbers    (m, d, 2) the nodes of the box of each triangle between which each of its corners lies
+    shares     (m, d) where it lies between the two
     """
 
     nodes: CellPlaces
@@ -130,14 +130,14 @@ def march(cells: Cells, level: Expression, surface: str) -> Marched:
 def _marched(cells: Cells, level: Expression) -> Marched:
     """Points on the surface, and triangles of these."""
     nodes = BoxNodes(cells, level)
-    box, tetrahedra = conforming_tetrahedra(nodes)
+    box, simplices = conforming_simplices(nodes)
     places = nodes.places(nodes.keys)
-    row, edges = triangles_between(nodes.values[nodes.numbers[tetrahedra]] >= 0)
+    row, edges = parts_between(nodes.values[nodes.numbers[simplices]] >= 0)
 
     # triangles by the nodes of boxes, turned where the map from the box is left-handed
     _, first, which = np.unique(box, return_index=True, return_inverse=True)
-    is_left = cells.orientations(places.take(tetrahedra[first, 0])) < 0
-    numbers = tetrahedra[row[:, None, None], edges]
+    is_left = cells.orientations(places.take(simplices[first, 0])) < 0
+    numbers = simplices[row[:, None, None], edges]
     turned = is_left[which[row]]
     numbers[turned] = numbers[turned][:, ::-1]
 
@@ -163,7 +163,7 @@ def _own_shares(edges: Ints, values: Floats, starts: Ints, shares: Floats) -> Fl
 
 
 def _nodes(edges: Ints, is_zero: Ints) -> tuple[Ints, Ints, Ints]:
-    """Triangles of nodes from the edges (k, 3, 2) that their corners are on: rows (m,), nodes (m, 3).
+    """Triangles of nodes from the edges (k, d, 2) that their corners are on: rows (m,), nodes (m, d).
 
     Also an edge (n,) of each node.  Edges with a common end on the surface have one node there, and triangles with
     fewer than three nodes vanish.
@@ -173,10 +173,10 @@ def _nodes(edges: Ints, is_zero: Ints) -> tuple[Ints, Ints, Ints]:
         here = is_zero[keys[:, end]]
         keys[here, 1 - end] = keys[here, end]
     _, first, flat = np.unique(keys @ [len(is_zero), 1], return_index=True, return_inverse=True)
-    triangles = flat.reshape(-1, 3)
+    triangles = flat.reshape(edges.shape[:2])
     kept = np.flatnonzero((triangles != np.roll(triangles, 1, axis=1)).all(axis=1))
     used, flat = np.unique(triangles[kept], return_inverse=True)
-    return kept, flat.reshape(-1, 3), first[used]
+    return kept, flat.reshape(-1, edges.shape[1]), first[used]
 
 
 def _on_edges(
@@ -256,7 +256,7 @@ def _means(found: SurfaceTriangles) -> Floats:
     return _units(total)
 
 
-def _remarks(evaluator: Evaluator, beyond: Floats) -> tuple[str, ...]:
+def remarks(evaluator: Evaluator, beyond: Floats) -> tuple[str, ...]:
     """Sentences on places (n,) beyond the tolerance, and on gaps next to pyramids, which are cut along other lines."""
     found = []
     if len(beyond):
