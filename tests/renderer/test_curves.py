@@ -44,13 +44,14 @@ def test_jumps_leave_gaps():
 
 @pytest.mark.parametrize("width", [1.0, 3.0, 6.0])
 def test_curves_in_space_have_the_requested_width(width):
-    """A straight line askew: its area in pixels is length times width."""
+    """A straight line askew, which is not opaque: its area in pixels is length times width."""
     points = np.array([[0.0, 0.0, 0.0], [1.0, 0.4, 0.3]])
     camera = Camera((0.5, 0.2, 3.0), (0.5, 0.2, 0.0), (0, 1, 0), height=1.0)
-    style = Style(color=(0.0, 0.0, 0.0), mesh_lines=MeshLines(width=width))
+    color = np.array([0.0, 0.3, 0.6])
+    style = Style(color=tuple(color), opacity=0.7, mesh_lines=MeshLines(width=width))
     frame = render(chain(points, lambda p: p[:, 2]), objects=(Faces(style=style),), camera=camera, size=(300, 200))
-    covered = (1.0 - frame.color[..., 0]).sum()
-    assert covered == pytest.approx(200 * np.hypot(1.0, 0.4) * width, rel=0.03)
+    covered = (1.0 - frame.color).sum(axis=(0, 1)) / 0.7 / (1.0 - color)
+    assert covered == pytest.approx(np.full(3, 200 * np.hypot(1.0, 0.4) * width), rel=0.03)
     assert np.abs(frame.field[frame.seen] - 0.3 * frame.position[frame.seen][:, 0]).max() < 0.3 * (width + 2) / 200
     assert np.abs(frame.depth[frame.seen] - (3.0 - frame.field[frame.seen])).max() < 1e-12
 

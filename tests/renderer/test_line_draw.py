@@ -31,13 +31,13 @@ class Squares:
         for k, kind in enumerate(self.kind):
             self._choose(k, kind, rng)
         self.linear = 10 * (np.eye(3) + rng.uniform(-0.3, 0.3, (COUNT, 3, 3)))
-        self.linear[self.kind == THIN, :, 0] *= 0.02
+        self.linear[self.kind == THIN, :, 0] *= 0.01
         # the pixel's centre in the element
         self.place = np.tile([-0.45, -0.5, -0.55], (COUNT, 1))
         self.place[self.kind == BORDER] = [-0.99, -0.5, -0.4]
         self.whole = np.where(self.kind == THIN, 2, np.where(np.arange(COUNT) % 3, 0, 1))
         self.whole[self.kind == BORDER] = 0
-        self.base = PIXELS + rng.integers(-1, 2, (COUNT, 2)) * (self.kind != THIN)[:, None]
+        self.base = PIXELS + rng.integers(-1, 2, (COUNT, 2))
 
     def _choose(self, k, kind, rng):
         turn = rng.uniform(0, 2 * np.pi)
