@@ -1,12 +1,14 @@
 """Differences of solutions against closed forms: one function on two meshes, a shift, families, parts without cover."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from elvis.core.dataset import Dataset
 from elvis.core.differences import diff, family
+from elvis.core.differences.convergence import Family
 from elvis.core.differences.overlaps import bound_of_difference
 from elvis.core.errors import ElvisError
 from elvis.core.extrema import Extremum, extrema
@@ -205,6 +207,19 @@ def test_cubic_fields_on_curved_hexahedra_are_bounded_as_closely():
     )
     assert found.value - 1e-12 <= values.values[0, 0] <= found.value * 1.0001
     assert np.nanmax(values.values) <= found.bound <= found.value * 1.0002
+
+
+@pytest.mark.parametrize("is_refined", [True, False])
+def test_orders_are_slopes_of_errors_over_sizes(is_refined):
+    """Errors h^3, from coarse to fine or back; unknown after equal sizes, and where nothing differs."""
+    sizes = np.array([0.4, 0.2, 0.1, 0.1, 0.05, 0.025][:: 1 if is_refined else -1])
+    errors = np.where(sizes == 0.05, 0.0, sizes**3)
+    members = [
+        SimpleNamespace(size=h, of=lambda _, e=e: SimpleNamespace(l2=e)) for h, e in zip(sizes, errors, strict=True)
+    ]
+    found = Family(tuple("abcdef"), tuple(members)).orders("p")
+    expected = [np.nan, 3, 3, np.nan, np.nan, np.nan] if is_refined else [np.nan, np.nan, np.nan, np.nan, 3, 3]
+    assert found == pytest.approx(expected, nan_ok=True)
 
 
 def wave(points):

@@ -69,9 +69,11 @@ class Imports:
         if path.suffix == ".slang":
             stems = re.findall(r"^\s*(?:import|__include|implementing)\s+\"?([\w.]+)\"?;", text, re.M)
             return {self._kernels[stem] for stem in stems if stem in self._kernels}
-        found = {
-            self._kernels[stem] for stem in re.findall(r"[\"'](\w+)(?:\.slang)?[\"']", text) if stem in self._kernels
-        }
+        # by name, as imports of Slang texts, or with the name of a shape behind a prefix
+        stems = re.findall(r"[\"'](\w+)(?:\.slang)?[\"']", text) + re.findall(r"\bimport (\w+);", text)
+        prefixes = tuple(re.findall(r"\bf[\"'](\w+_)\{", text))
+        stems += [stem for stem in self._kernels if prefixes and stem.startswith(prefixes)]
+        found = {self._kernels[stem] for stem in stems if stem in self._kernels}
         for node in ast.walk(ast.parse(text)):
             if isinstance(node, ast.ImportFrom) and node.module:
                 names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]

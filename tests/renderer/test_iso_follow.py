@@ -38,7 +38,10 @@ FOUND = [
     REMAINDER,
     {"deviation": 3, "around": 3, "extent": 1, "worth": 3, "shift": 3},
     FOLLOWED,
+    {"outcome": 1, "spread": 2, "first": 2, "last": 2},
 ]
+#: first and last column and row of the picture, and of those of its pixels that are drawn
+PICTURE, DRAWN = np.array([[2, 1], [60, 50]]), np.array([[5, 3], [44, 32]])
 
 
 def remainder_of(cases, c):
@@ -113,10 +116,73 @@ def check_equal(found, expected, names, rounding=1e-12):
 def follow(functions):
     kernel = functions("iso_follow", "export static const bool analytic = true;")
     given = {"axes": np.array(AXES), "box_sizes": np.array(BOXES), "tails": tails(2)}
-    return lambda cases: list(parted(kernel(cases.rows(), width_of(FOUND), **given), FOUND))
+
+    def follow(cases, looks=None):
+        """All that follows for sub-elements or, given where they are seen, only that."""
+        places = Looks(np.random.default_rng(20)) if looks is None else looks
+        rows = np.hstack([cases.rows(), places.rows()])
+        *groups, looked = parted(kernel(rows, width_of(FOUND), **given), FOUND)
+        return groups if looks is None else looked
+
+    return follow
+
+
+class Looks:
+    """Sub-elements in a picture: pixels middle + x / w, with x and w in intervals."""
+
+    def __init__(self, rng):
+        self.perspective = rng.integers(2, size=COUNT)
+        self.middle, self.miss = rng.uniform([0, 0], [52, 40], (COUNT, 2)), rng.uniform(-8, 8, (COUNT, 2))
+        self.total, self.depth = rng.uniform(0.01, 6, (COUNT, 4)), rng.uniform(-0.5, 4, COUNT)
+        self.total[:, 2] = rng.uniform(0.01, 1, COUNT)
+
+    def rows(self):
+        return np.column_stack([self.perspective, self.middle, self.miss, self.depth, self.total])
+
+    def pixels(self, weights):
+        """Pixels (2, n, k, 2) of both ends at weights (n, k)."""
+        ends = np.stack([self.miss - self.total[:, :2], self.miss + self.total[:, :2]])
+        return self.middle[:, None] + ends[:, :, None] / weights[..., None]
 
 
 MARKOV = {"once": 4.0, "twice": 4.0 * 3.0 / 3.0, "across": 16.0}
+
+
+def test_pixels_that_sub_elements_may_meet(follow):
+    looks = Looks(np.random.default_rng(21))
+    found = follow(SubElements(np.random.default_rng(1), 1.0), looks)
+    near, far = looks.depth - looks.total[:, 2], looks.depth + looks.total[:, 2]
+    wide = looks.perspective > 0
+    crosses = wide & (near <= 0) & (far > 0)
+    assert (found["outcome"][far <= 0] == -1).all()
+
+    # in front of the eye: by the ends of the intervals
+    ahead = (far > 0) & ~crosses
+    weights = np.where((ahead & wide)[:, None], np.stack([near, far], axis=1), 1.0)
+    pixels = looks.pixels(weights)
+    ends = pixels.min(axis=(0, 2)), pixels.max(axis=(0, 2))
+    first = np.maximum(np.ceil(ends[0] - 1e-6), PICTURE[0])
+    last = np.minimum(np.floor(ends[1] + 1e-6), PICTURE[1])
+    is_seen = (first <= last).all(axis=1) & (first <= DRAWN[1]).all(axis=1) & (last >= DRAWN[0]).all(axis=1)
+    assert np.array_equal(found["outcome"][ahead], np.where(is_seen, 1, -1)[ahead])
+    seen = ahead & is_seen
+    assert 8 < seen.sum() < ahead.sum()
+    assert np.array_equal(found["first"][seen], first[seen])
+    assert np.array_equal(found["last"][seen], last[seen])
+    size = (np.abs(looks.miss) + looks.total[:, :2]) / weights[:, :1] + 1e-6
+    assert found["spread"][ahead] == pytest.approx(size[ahead], rel=1e-12)
+
+    # next to the eye: only what lies beyond one side of the picture at all distances is left out
+    shares = np.linspace(1e-6, 1, 400)
+    pixels = looks.pixels(shares * np.maximum(far, 1e-9)[:, None])
+    low, high = pixels.min(axis=0), pixels.max(axis=0)
+    may_be_seen = ((low <= PICTURE[1] + 1) & (high >= PICTURE[0])).all(axis=2).any(axis=1)
+    assert (found["outcome"][crosses & may_be_seen] == 0).all()
+    is_beside = ((low > PICTURE[1] + 1) | (high < PICTURE[0])).all(axis=1).any(axis=1)
+    assert is_beside[crosses & (found["outcome"] == -1)].all()
+    assert (found["outcome"][crosses] == -1).any()
+    assert (found["first"][crosses & may_be_seen] == PICTURE[0]).all()
+    assert (found["last"][crosses & may_be_seen] == PICTURE[1]).all()
 
 
 def test_remainders_are_the_largest_values_of_nonlinear_parts(follow):

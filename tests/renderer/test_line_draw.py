@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-COUNT, SIDE = 98, 30
+COUNT, SIDE = 140, 44
 LEVELS = np.array([-0.6, -0.2, 0.0, 0.25, 0.7])
 #: world length of a pixel, half the width of lines in pixels, and depth of the plane
 LENGTH, HALF_WIDTH, DEPTH = 0.5, 0.8, 5.0
 FACETS = np.array([[1.0, 0, 0, 1], [0, 1.0, 0, 1], [0, 0, 1.0, 1], [-1.0, -1.0, -1.0, -1.0]])
 #: of each case the pixel whose square it is: marks of different cases lie apart
-PIXELS = 3 * np.stack([np.arange(COUNT) % 10, np.arange(COUNT) // 10], axis=1) + 1
+PIXELS = 3 * np.stack([np.arange(COUNT) % 14, np.arange(COUNT) // 14], axis=1) + 1
 NAMES = PIXELS @ [1, SIDE]
 #: of marks: units of a pixel, and the bits of a level's number
 UNITS, NUMBERS = 67108864.0, 1 << 10
@@ -31,7 +31,7 @@ class Squares:
         for k, kind in enumerate(self.kind):
             self._choose(k, kind, rng)
         self.linear = 10 * (np.eye(3) + rng.uniform(-0.3, 0.3, (COUNT, 3, 3)))
-        self.linear[self.kind == THIN, :, 0] *= 0.01
+        self.linear[self.kind == THIN] *= np.array([0.012, 0.1, 0.1])
         # the pixel's centre in the element
         self.place = np.tile([-0.45, -0.5, -0.55], (COUNT, 1))
         self.place[self.kind == BORDER] = [-0.99, -0.5, -0.4]
@@ -40,17 +40,27 @@ class Squares:
         self.base = PIXELS + rng.integers(-1, 2, (COUNT, 2))
 
     def _choose(self, k, kind, rng):
-        turn = rng.uniform(0, 2 * np.pi)
+        turn = rng.uniform(0, 2 * np.pi) * (k % 4 > 0)
         axes = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
         if kind in (MILD, CURVED, BORDER, THIN):
             size = {MILD: 0.03, BORDER: 0.03, CURVED: 0.4, THIN: 0.1}[kind]
             self.form[k] = size * axes.T @ np.diag(rng.uniform(-1, 1, 2)) @ axes
         level, sign = rng.choice(LEVELS), rng.choice([-1, 1])
+        if kind in (STRAIGHT, MILD):
+            # the level is in the square, or in three times its range, or just not
+            self.slope[k] *= 0.3
+            away = rng.uniform(0, 0.4) if k % 3 else rng.uniform(1.2, 1.8)
+            self.constant[k] = level + sign * away * np.abs(self.slope[k]).sum()
         if kind == EXTREMUM:
             self.form[k] = sign * axes.T @ np.diag(rng.uniform(1, 3, 2)) @ axes
             middle = rng.uniform(-0.3, 0.3, 2)
+            if k % 3 == 0:
+                # beyond the square, whose values end before the level
+                middle[k % 2] = rng.choice([-0.7, 0.7])
             self.slope[k] = -2 * self.form[k] @ middle
-            self.constant[k] = level - sign * rng.choice([0.01, 0.1, 0.2]) + middle @ self.form[k] @ middle
+            self.constant[k] = (
+                level - sign * (rng.choice([1e-3, 0.1, 0.2]) if k % 3 else 0.02) + middle @ self.form[k] @ middle
+            )
         if kind == VALLEY:
             away = rng.uniform(-0.3, 0.3)
             self.form[k] = sign * 4 * np.outer(axes[0], axes[0])
@@ -214,6 +224,23 @@ def test_all_of_each_contour_is_drawn(squares, strokes):
             assert np.median(off) < 0.02
             seen[squares.kind[k]] += 1
     assert seen.min() > 5
+
+
+def test_loops_between_the_corners_of_cells_are_points_at_extrema(squares, strokes):
+    """Exactly, if the axes of the parabolas are those of the cells."""
+    corners = np.array([[x, y] for y in range(9) for x in range(9)]) / 8 - 0.5
+    seen = 0
+    for k, starts, ends, number in cases(strokes):
+        middle = np.linalg.solve(squares.form[k], -0.5 * squares.slope[k]) if squares.kind[k] == EXTREMUM else 1.0
+        if k % 4 or np.abs(middle).max() > 0.4:
+            continue
+        top, sign = squares.at(k, middle[None])[0], np.sign(squares.form[k][0, 0])
+        nearest = (sign * squares.at(k, corners)).min()
+        for level in np.flatnonzero((sign * LEVELS > sign * top) & (sign * LEVELS < nearest)):
+            is_point = (starts == ends).all(axis=1) & (number == level)
+            assert np.abs(starts[is_point] - middle).max(axis=1).min() < 1e-9
+            seen += 1
+    assert seen > 0
 
 
 def test_nearly_linear_values_have_few_strokes(squares, strokes):
