@@ -221,7 +221,7 @@ def test_all_of_each_contour_is_drawn(squares, strokes):
             off = distances(places, starts[own], ends[own]).min(axis=1)
             # loops smaller than a cell are points, and what only touches the square may be left out
             assert off.max() < (0.09 if squares.kind[k] in (EXTREMUM, VALLEY) else 0.05), (k, level)
-            assert np.median(off) < 0.02
+            assert np.median(off) < (0.05 if squares.kind[k] == EXTREMUM else 0.02)
             seen[squares.kind[k]] += 1
     assert seen.min() > 5
 
@@ -236,7 +236,8 @@ def test_loops_between_the_corners_of_cells_are_points_at_extrema(squares, strok
             continue
         top, sign = squares.at(k, middle[None])[0], np.sign(squares.form[k][0, 0])
         nearest = (sign * squares.at(k, corners)).min()
-        for level in np.flatnonzero((sign * LEVELS > sign * top) & (sign * LEVELS < nearest)):
+        is_within = (squares.bounds[k, 0] <= LEVELS) & (squares.bounds[k, 1] >= LEVELS)
+        for level in np.flatnonzero(is_within & (sign * LEVELS > sign * top) & (sign * LEVELS < nearest)):
             is_point = (starts == ends).all(axis=1) & (number == level)
             assert np.abs(starts[is_point] - middle).max(axis=1).min() < 1e-9
             seen += 1

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from kernel_functions import parted, rows_of, width_of
 
-COUNT = 400
+COUNT = 1200
 ASIDE, SINGLE, LEVEL = 0, 1, 2
 FOUND = {
     **dict.fromkeys(["part", "bends"], 1),
@@ -27,7 +27,7 @@ class Solids:
 
         self.half, self.turn = rng.choice([0.1, 1.0], COUNT), some(0, 1) * rng.choice([0.0, 0.1, 1.0], COUNT)
         self.slack, self.width = some(0.01, 0.02) * rng.choice([0, 1], COUNT), some(0.3, 0.6)
-        self.way, self.growth = rng.choice([-1.0, 1.0], COUNT), some(-0.1, 0.1, 3) * rng.choice([0, 1], (COUNT, 1))
+        self.way, self.growth = rng.choice([-1.0, 1.0], COUNT), some(-1, 1, 3) * rng.choice([0, 0.1, 0.35], (COUNT, 1))
         self.at, self.speed = some(-1, 1, 3), some(-1, 1, 3) * rng.choice([0.3, 1.0], (COUNT, 1))
         self.curved = some(-1, 1, 3)
         self.curved *= (self.turn / np.linalg.norm(self.curved, axis=1))[:, None]
