@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from math import inf
+from time import process_time
 
 import numpy as np
 import pytest
@@ -56,6 +57,17 @@ def test_analytic_values_are_reached_to_a_millionth(shape, name):
     assert found.valid <= expected <= found.folded
     assert found.folded - found.valid <= 1e-6 * expected
     assert found.state == ("zero" if name == "swelling" else "negative")
+
+
+def test_a_twist_is_valid_at_large_factors(slowness):
+    """The determinant, 1 + S^2 (z - 0.3)^2, has values of very different size when S is large."""
+    functions = [lambda x: x[:, 1] * (x[:, 2] - 0.3), lambda x: -x[:, 0] * (x[:, 2] - 0.3), still]
+    data = displaced(curved(grid(Shape.TETRAHEDRON, 1), ripple(0.02), 3), functions, 5)
+    start = process_time()
+    found = largest_scale(*data)
+    assert found.folded == inf
+    assert found.valid > 100
+    assert process_time() - start < 3 * slowness
 
 
 @pytest.mark.parametrize("shape", [Shape.TRIANGLE, Shape.QUADRILATERAL, Shape.TETRAHEDRON, Shape.HEXAHEDRON])

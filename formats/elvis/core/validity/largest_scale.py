@@ -43,6 +43,8 @@ TOLERANCE = 1e-6
 BELOW, ABOVE = 0.6, 0.1
 #: largest factor that is examined, relative to the one at which displacements are as large as elements
 FARTHEST = 1e6
+#: the same of factors up to which proofs may take long though no root is known
+USUAL = 100
 #: candidates and bisections after which the bounds that are known are returned
 MOST_STEPS = 60
 #: relative distance within which roots of the determinant are multiple ones, of matrices of three rows
@@ -182,7 +184,8 @@ class _Search:
         self._every = pieces
         self._known = _Candidate(inf, -1, -1, ())
         typical = min((float(piece.ratios.min(initial=inf)) for piece in pieces), default=inf)
-        self._farthest = FARTHEST * (typical if typical < inf else 1.0)
+        self._typical = typical if typical < inf else 1.0
+        self._farthest = FARTHEST * self._typical
         for number, piece in enumerate(pieces):
             self._sample(number, piece)
 
@@ -209,7 +212,9 @@ class _Search:
                 break
             end = min(self._known.scale, self._farthest)
             goal = end * (1 - BELOW * TOLERANCE)
-            top = goal if aim is None else aim
+            # over wide ranges the powers of S differ by many orders of magnitude, and a small c_0 is lost among them
+            octave = min(goal, max(2 * low, self._typical))
+            top = octave if aim is None else aim
             before = self._known.scale
             remaining = self._doubtful(suspects, low, top)
             if self._known.scale < before:
@@ -220,9 +225,10 @@ class _Search:
                 if top == goal:
                     break
                 continue
-            # neither a root nor a proof: a shorter range is proved, as long as that helps
+            # neither a root nor a proof: a shorter range is proved, as long as that helps; without a root even doubtful
+            # factors are beyond use
             aim = (low + top) / 2
-            if top - low <= TOLERANCE * end / 4:
+            if top - low <= (TOLERANCE * end / 4 if self._known.scale < inf else low):
                 break
         return self._told(self._regular_up_to(low))
 
@@ -273,6 +279,7 @@ class _Search:
     def _doubtful(self, suspects: list[tuple[int, _Piece]], low: float, high: float) -> bool:
         """Whether some elements are not proved to be valid from one factor to another; roots found are noted."""
         is_doubtful = False
+        is_quick = self._known.scale == inf and high > USUAL * self._typical
         for number, piece in suspects:
             error = piece.error_at(high)
             nets = piece.boxes(low, high)
@@ -283,7 +290,7 @@ class _Search:
             found = least(nets[rows], error[rows], goal=2 * error[rows])
             bad = found.lower <= error[rows]
             for row, place, value in zip(rows[bad].tolist(), found.place[bad], found.value[bad], strict=True):
-                is_open = value <= error[row] or is_doubtful
+                is_open = value <= error[row] or is_doubtful or is_quick
                 is_doubtful = is_open or not _is_positive(nets[row], float(error[row]))
                 self._note(number, piece, row, place[:-1])
         return is_doubtful
