@@ -738,7 +738,7 @@ def test_slacks_and_zeros_count_only_at_real_points():
 def test_rules_and_integrals_differ_by_four_radii_of_real_points():
     """Where nothing is known of ellipses: values at the nodes at the one end, elsewhere at the other."""
     for d in (1, 2, 3):
-        radius = np.full((1, 2 + d * len(level_error.RHOS)), np.inf)
+        radius = np.full((1, 1 + d * len(level_error.RHOS) + graph_discs.MOVED), np.inf)
         radius[:, 0] = 0.5
         assert level_error._analytic(radius, (3,) * d, None)[0, :, 0].tolist() == [2.0 * 2 ** (d - 1)] * d
 

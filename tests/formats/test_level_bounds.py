@@ -93,7 +93,7 @@ def test_without_the_error_of_rules_errors_are_less_than_the_truth(monkeypatch):
 def test_every_direction_has_its_part_of_the_error():
     """Radii on the ellipses of one direction are in the error of that direction alone, unless a rule is exact."""
     for direction in range(3):
-        radius = np.zeros((1, 2 + 3 * len(RHOS)))
+        radius = np.zeros((1, 1 + 3 * len(RHOS) + graph_discs.MOVED))
         radius[:, 0] = 1e9
         radius[:, 1 + direction * len(RHOS) : 1 + (direction + 1) * len(RHOS)] = 1.0
         found = level_error._analytic(radius, (3, 3, 3), None)[0, :, 0]

@@ -30,9 +30,11 @@ from elvis.core.quantities.discs import Disc
 RHOS = np.array([1.6, 2.2, 3.0, 4.0, 5.5, 8.0])
 #: steps in which the disc of a root is enlarged, and by how much each
 _STEPS, _ENLARGED = 8, 1.05
-#: by how much of its own height a surface is moved in the last column, and the least and greatest height of this rule,
-#: in heights of the box
+#: the last columns are for surfaces that are moved along k: by a part of their own height, which is limited from below
+#: and above, and by a small part of the height of the box, for which more is proved
+MOVED = 2
 _SHIFT, _LEAST_HEIGHT, _GREATEST_HEIGHT = 0.1, 0.1, 1.0
+_SMALL_SHIFT = 1e-4
 #: rounding of a place in a box
 _ROUNDING = 64 * float(np.finfo(np.float64).eps)
 #: kind of an end of a part in direction j: a face of the box, or the root on one of the faces across k
@@ -125,12 +127,12 @@ def root_radii(level: Expansion, first: Floats, second: Floats) -> Floats:
 class PartDiscs:
     """Discs of i, j and k on neighbourhoods of parts (n,).
 
-    Columns are the real part, the ellipses of each direction of integration, and the real part moved along k.
+    Columns are the real part, the ellipses of each direction of integration, and twice the real part moved along k.
     centres    (n, 3)
     radii      radii of i, j and k, (n, columns) each; on surfaces, of t instead of k
     bends      (n, 5) coefficients of P on surfaces, the difference of k and t
     tilts      discs of g_a/g_t and g_b/g_t on surfaces, derivatives in a, b and t
-    shift      (n,) by how much of the height of the box a surface is moved in the last column
+    shifts     (n, MOVED) by how much of the height of the box a surface is moved in the last columns
     is_rising  (n,) whether g increases along k
     stretches  discs of (e - s)/2 and (u - l)/2, factors of the measure
     is_proved  (n, columns) whether all roots are analytic there
@@ -143,7 +145,7 @@ class PartDiscs:
     is_rising: Bools
     stretches: tuple[Disc, Disc]
     is_proved: Bools
-    shift: Floats
+    shifts: Floats
 
     @staticmethod
     def of(nets: Floats, parts: GraphParts, directions: tuple[int, ...], is_filled: bool) -> PartDiscs:
@@ -167,12 +169,12 @@ class PartDiscs:
         if is_filled:
             height = _height(bends, first, second) + rest
             return _below(parts, centres, (first, second, factors[2]), height, stretch, is_proved)
-        moved, shift = _moved(rest, _height(bends, first, second))
+        moved, moves = _moved(rest, _height(bends, first, second))
         nothing = np.zeros_like(half)
         radii = _where(is_proved, first, second, moved)
         tilts = _tilts(level, radii)
         is_rising = level.steepness > 0
-        return PartDiscs(centres, radii, bends, tilts, is_rising, (stretch, (nothing, nothing)), is_proved, shift)
+        return PartDiscs(centres, radii, bends, tilts, is_rising, (stretch, (nothing, nothing)), is_proved, moves)
 
     @staticmethod
     def whole(count: int) -> PartDiscs:
@@ -185,11 +187,16 @@ class PartDiscs:
 
 
 def _moved(rest: Floats, height: Floats) -> tuple[Floats, Floats]:
-    """Radii (n, columns) of t with the surface moved in the last column, and (n,) by how much; both as ``height``."""
+    """Radii (n, columns) of t with the surface moved in the last columns, and (n, MOVED) by how much.
+
+    rest    (n, columns) radii of t
+    height  (n, columns) of the surface
+    """
+    own = _SHIFT * np.clip(height[:, 0], _LEAST_HEIGHT, _GREATEST_HEIGHT)
+    moves = np.stack([own, np.full_like(own, _SMALL_SHIFT)], axis=1)
     moved = rest.copy()
-    shift = _SHIFT * np.clip(height[:, 0], _LEAST_HEIGHT, _GREATEST_HEIGHT)
-    moved[:, -1] += shift
-    return moved, shift
+    moved[:, -MOVED:] += moves
+    return moved, moves
 
 
 def _below(
@@ -207,7 +214,7 @@ def _below(
     moved = np.column_stack([centres[:, :2], (low + high) / 2])
     every = _where(is_proved, radii[0], radii[1], radii[2] * (half + height))
     stretches = stretch, (half, _known(height))
-    return PartDiscs(moved, every, None, None, parts.is_below, stretches, is_proved, np.zeros(len(parts)))
+    return PartDiscs(moved, every, None, None, parts.is_below, stretches, is_proved, np.zeros((len(parts), MOVED)))
 
 
 def _end_radii(nets: Floats, parts: GraphParts, column: int, middle: Floats, first: Floats) -> Floats:
@@ -281,7 +288,7 @@ def _tilts(level: Expansion, radii: tuple[Floats, Floats, Floats]) -> tuple[Disc
 
 def _factors(directions: tuple[int, ...]) -> Floats:
     """(3, columns) factors by which the coordinates v exceed [-1, 1] on the ellipse of each direction."""
-    found = np.ones((3, 2 + len(directions) * len(RHOS)))
+    found = np.ones((3, 1 + len(directions) * len(RHOS) + MOVED))
     for number, axis in enumerate(directions):
         first = 1 + number * len(RHOS)
         found[axis, first : first + len(RHOS)] = (RHOS + 1 / RHOS) / 2

@@ -24,7 +24,7 @@ from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import ElvisError
 from elvis.core.integrals.analytic_error import FURTHER, Bounds, gauss_factors
 from elvis.core.integrals.degrees import DegreeRules
-from elvis.core.integrals.graph_discs import RHOS, GraphParts, PartDiscs, graph_parts
+from elvis.core.integrals.graph_discs import MOVED, RHOS, GraphParts, PartDiscs, graph_parts
 from elvis.core.integrals.graph_orders import greatest, turned
 from elvis.core.integrals.level_boxes import LevelBoxes
 from elvis.core.integrals.level_discs import CellNets, LevelDiscs, is_bounded
@@ -132,9 +132,7 @@ class _Boxes:
         moved = np.zeros(len(boxes))
         if not boxes.is_filled:
             # the surface between its ends
-            shift = boxes.shift[parts.box]
-            is_known = shift <= found.parts.shift
-            by_part = np.where(is_known, shift / found.parts.shift * 2 * radius[:, -1], np.inf)
+            by_part = _changes_of_moved(boxes.shift[parts.box], found.parts.shifts, radius[:, -MOVED:])
             moved = _summed(by_part[:, None] * 2.0 ** len(counts), parts.box, len(boxes))[:, 0]
         errors[~np.isfinite(moved) & boxes.is_proved] = np.inf
         return errors, np.where(np.isfinite(moved), moved, 0.0), about
@@ -166,6 +164,17 @@ def _measure(found: LevelDiscs, near: PartDiscs, parts: GraphParts) -> Disc:
     return across if near.tilts is not None else discs.times(across, near.stretches[1])
 
 
+def _changes_of_moved(shift: Floats, shifts: Floats, radii: Floats) -> Floats:
+    """(n,) changes of integrands of moved surfaces by the Schwarz lemma; inf if unknown.
+
+    shift          (n,) by how much rounding moves surfaces
+    shifts, radii  (n, MOVED) larger movements, and the radii of integrands then
+    """
+    changes = 2 * shift[:, None] / shifts * radii
+    is_known = (shift[:, None] <= shifts) & ~np.isnan(changes)
+    return np.asarray(np.where(is_known, changes, np.inf).min(axis=1))
+
+
 def _analytic(radius: Floats, counts: Sequence[int], exact: int | None) -> Floats:
     """(n, d, s) the part of each direction in the errors of rules, from the radii (n, columns) of an integrand.
 
@@ -173,7 +182,7 @@ def _analytic(radius: Floats, counts: Sequence[int], exact: int | None) -> Float
     """
     d = len(counts)
     factors = np.stack([gauss_factors([count + more for more in FURTHER], RHOS) for count in counts])
-    on_ellipses = radius[:, 1:-1].reshape(len(radius), d, 1, len(RHOS))
+    on_ellipses = radius[:, 1:-MOVED].reshape(len(radius), d, 1, len(RHOS))
     errors = np.where(np.isfinite(on_ellipses), on_ellipses * factors, np.inf).min(axis=3)
     errors = np.minimum(errors, 4 * radius[:, :1, None]) * 2.0 ** (d - 1)
     if exact is not None:
