@@ -11,6 +11,8 @@ from elvis.core.arrays import Bools, Floats, Ints
 
 #: minimum derivative along the height of a graph, relative to the others
 _STEEP = 0.1
+#: the same for graphs that are not bisected along their height
+_UPRIGHT = 0.65
 
 
 def orders(nets: Floats, are_ends_free: bool) -> tuple[Ints, Bools]:
@@ -33,8 +35,10 @@ def _candidates(nets: Floats) -> Iterator[tuple[int, ...]]:
     return (axes for axes in permutations(range(3)) if nets.shape[1] > 1 or axes[0] == 0)
 
 
-def _steepness_by_axis(nets: Floats) -> Floats:
+def _steepness_by_axis(nets: Floats, sizes: Floats | None = None) -> Floats:
     """(d, n) lower bounds of the derivatives along each axis, relative to the largest of all.
+
+    sizes  (n, d) of the units of the axes, 1 if not given
 
     At most 0 if the sign is unknown, and along an axis with one coefficient.
 
@@ -46,10 +50,16 @@ def _steepness_by_axis(nets: Floats) -> Floats:
         if nets.shape[axis] > 1:
             slopes = np.diff(nets, axis=axis)
             low, high = slopes.min(axis=axes), slopes.max(axis=axes)
-            degree = nets.shape[axis] - 1
-            least[axis - 1] = degree * np.maximum(low, -high)
-            most = np.maximum(most, degree * np.maximum(-low, high))
+            unit = 1.0 if sizes is None else sizes[:, axis - 1]
+            scale = (nets.shape[axis] - 1) / unit
+            least[axis - 1] = scale * np.maximum(low, -high)
+            most = np.maximum(most, scale * np.maximum(-low, high))
     return np.asarray(least / np.where(most > 0, most, 1.0))
+
+
+def are_upright(nets: Floats, sizes: Floats) -> Bools:
+    """(n,) whether g = 0 is nowhere much inclined to the last axis of boxes with sizes (n, 3) and nets (n, D, D, D)."""
+    return np.asarray(_steepness_by_axis(nets, sizes)[-1] > _UPRIGHT)
 
 
 def _steepness(nets: Floats) -> Floats:

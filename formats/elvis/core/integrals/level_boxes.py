@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.integrals.graph_orders import greatest, orders, shares_of_ends, shifts, turned
+from elvis.core.integrals.graph_orders import are_upright, greatest, orders, shares_of_ends, shifts, turned
 from elvis.core.integrals.graphs import Graph, below_graph, on_graph
 from elvis.core.integrals.subcells import subcell_map
 from elvis.core.mapping import pointwise, tangents
@@ -146,8 +146,12 @@ class LevelBoxes:
     def halved(self, directions: Bools, tests: int = _FURTHER) -> LevelBoxes:
         """Halves in directions i, j, k (n, 1 to 3) where that is requested, as far as the surface meets them.
 
-        Graphs are not bisected along k: this would give them further ends.
+        Upright graphs are not bisected along k: this would give them further ends.  Others are, with all directions:
+        another axis may become their height.
         """
+        if not self.is_filled and directions.shape[1] < self.patch.shape.dimension:
+            along_height = directions.all(axis=1) & ~self._are_upright
+            directions = np.concatenate([directions, along_height[:, None]], axis=1)
         is_kept = ~self.can_be_halved[:, 0]
         is_flat = np.ones((len(self), 3), bool)
         first = 3 - self.patch.shape.dimension
@@ -177,6 +181,12 @@ class LevelBoxes:
             low[last:, axis] = middle
             parts = replace(parts, nets=nets, low=low, high=high)
         return parts
+
+    @property
+    def _are_upright(self) -> Bools:
+        """(n,) whether graphs are nowhere much inclined to k, in the coordinates of cells."""
+        sizes = np.take_along_axis(self.high - self.low, self.order, axis=1)
+        return are_upright(turned(self.nets, self.order), sizes)
 
     @property
     def _is_flat(self) -> Bools:
