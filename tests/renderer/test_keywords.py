@@ -31,6 +31,7 @@ from elvis.scene.commandline.composing import composed
 from elvis.scene.commandline.options import scene_options
 from elvis.scene.commandline.other_programs import INSTEAD, SAME, in_own_words
 from elvis.scene.keywords import ELSEWHERE, KeywordError, keywords, scene_of_keywords
+from elvis.scene.surfaces import Middle
 
 POINT, NORMAL = (0.0, 0.0, 0.5), (0.0, 0.0, 1.0)
 CUT = Plane(POINT, NORMAL)
@@ -137,6 +138,18 @@ def test_several_of_one_kind():
     assert planes.objects == (CutSurface(CUT), CutSurface(Plane((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))))
     assert len(scene_of_keywords({"isosurface": [{"u": 0.1}, {"v": 0.2}]}).objects) == 2
     assert len(scene_of_keywords({"light": [(1, 0, 0), Light()]}).lights) == 2
+
+
+def test_an_axis_is_the_plane_through_the_middle(cube):
+    low, high = cube.mesh.corners
+    point = tuple((0.5 * (low + high)).tolist())
+    for given, clips in (({"plane": "y"}, 0), ({"plane": "y", "clip": "x"}, 1)):
+        frame = render(cube, "u", **given, size=(30, 20), device="reference")
+        (cut,) = frame.scene.every_object
+        assert cut.surface == Plane(point, (0.0, 1.0, 0.0))
+        assert [own.surface for own in frame.scene.clip] == [Plane(point, (1.0, 0.0, 0.0))] * clips
+    with pytest.raises(SceneError, match="axis of a plane through the middle: expected x, y or z, found 't'"):
+        Middle("t")
 
 
 def test_styles_apply_to_every_object():

@@ -186,8 +186,10 @@ $ elvis render cylinder.xml cylinder.fld --vmin 0 [2]
 there is no option --vmin: range holds both ends, LOW:HIGH
 $ elvis render cylinder.xml cylinder.fld --contour 5 [2]
 contours draws lines, isosurface draws surfaces
-$ elvis render blocks.xml blocks.fld --plane z [2]
-expected POINT:NORMAL or z=VALUE, such as 0,0,0.2:0,0,1 or z=0.2, found 'z'
+$ elvis render blocks.xml blocks.fld --plane z -o middle.png
+> middle.png
+$ elvis render blocks.xml blocks.fld --plane up [2]
+expected POINT:NORMAL or z=VALUE, such as 0,0,0.2:0,0,1 or z=0.2, found 'up'
 $ elvis trace cylinder.xml cylinder.fld --seeds 5 --velocity u,v --length 0.2 --tolerance 1e-4 -o five.csv
 > five.csv
 $ elvis integrate blocks.xml blocks.fld -f 1 --over plane:z=0.45

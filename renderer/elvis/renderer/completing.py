@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TypeAlias, cast
+from typing import TYPE_CHECKING, TypeAlias, cast
 
+from elvis.core.arrays import Floats
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.picturing import Kind
@@ -14,10 +15,15 @@ from elvis.plugins.opening import PluginData
 from elvis.plugins.registry import load, plugins
 from elvis.plugins.serving import names_of, volume_of
 from elvis.renderer.adapters import KINDS
+from elvis.renderer.copy_checks import with_periods
 from elvis.scene import CutSurface, Faces, Glyphs, Plane, Scene, Streamlines
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Frame
+from elvis.scene.middle_planes import unknown_corners, with_middles
 from elvis.scene.quantities import quantities, with_velocities
+
+if TYPE_CHECKING:
+    from elvis.renderer.bricks import Bricks
 
 #: what a plugin of ``elvis.devices`` is
 Drawing: TypeAlias = Callable[[Dataset | PluginData, Scene], Frame]
@@ -38,6 +44,22 @@ def default_field(data: Dataset | PluginData) -> str:
             "the data contain a mesh but no field: also pass the field file, or name a quantity, such as --field x"
         )
     return names[0]
+
+
+def located(scene: Scene, data: Dataset | PluginData, bricks: Bricks | None, *, is_whole: bool) -> Scene:
+    """The scene with its field, with planes through the middle of the data, and copies by their periods.
+
+    bricks    of which data are a few elements, if they come in bricks
+    is_whole  whether all elements are at hand otherwise; SceneError where the middle is needed, and unknown
+    """
+
+    def corners() -> Floats:
+        if bricks is not None:
+            return bricks.corners
+        return data.mesh.corners if is_whole and isinstance(data, Dataset) else unknown_corners()
+
+    scene = scene if scene.field else replace(scene, field=default_field(data))
+    return with_middles(with_periods(scene, data), corners)
 
 
 def kind_of(data: Dataset | PluginData, scene: Scene) -> Kind:

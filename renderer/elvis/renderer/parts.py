@@ -30,6 +30,7 @@ from elvis.renderer.request import asked_by
 from elvis.scene import Scene, Streamlines
 from elvis.scene.bare_mesh import of_mesh
 from elvis.scene.errors import SceneError
+from elvis.scene.middle_planes import unknown_corners, with_middles
 
 _NONE = np.empty(0, np.int64)
 #: what a rank has opened
@@ -193,6 +194,7 @@ def drawable(portion: Portion) -> Dataset:
 
 def whole_scene(dataset: Dataset, scene: Scene) -> Scene:
     """The scene with its field and its objects."""
+    scene = with_middles(scene, unknown_corners)
     if not scene.field and not dataset.solution:
         scene = of_mesh(scene)
     return completed(dataset, scene if scene.field else replace(scene, field=default_field(dataset)))

@@ -27,9 +27,9 @@ from elvis.plugins.volume_checks import Samples
 from elvis.renderer.bands import Bands
 from elvis.renderer.bricks import Bricks, InMemory, timed
 from elvis.renderer.canvas import Canvas, check_memory, is_exact
-from elvis.renderer.completing import arranged, default_field, kind_of, other_device, with_quantity
+from elvis.renderer.completing import arranged, kind_of, located, other_device, with_quantity
 from elvis.renderer.copied import CopiedData, boxes_of_copies, surrounding_copies
-from elvis.renderer.copy_checks import CopyChecks, with_periods
+from elvis.renderer.copy_checks import CopyChecks
 from elvis.renderer.curves import draw_curves
 from elvis.renderer.deformed_data import DeformedData
 from elvis.renderer.device import Device
@@ -200,8 +200,7 @@ class Pictures:
             raise SceneError("range: series needs the files of a series: expected visible, all or two values")
         if not scene.field and isinstance(data, Dataset) and not data.solution:
             scene, data = of_mesh(scene), replace(data, remarks=(*data.remarks, REMARK))
-        scene = scene if scene.field else replace(scene, field=default_field(data))
-        scene = with_periods(scene, data)
+        scene = located(scene, data, self._bricks, is_whole=self._part is None)
         data = timed(data, scene.time) if isinstance(data, Dataset) else data
         if self._checked != (scene.field, scene.time):
             scene = with_quantity(scene, data)

@@ -98,7 +98,7 @@ def scene_of_keywords(given: Mapping[str, Any], base: Scene | None = None, files
     base = base or Scene()
     objects = tuple(options.pop("objects", base.objects))
     planes = options.get("plane", ())
-    if len(planes) == 1:
+    if len(planes) == 1 and isinstance(planes[0], Plane):
         options.pop("plane")
         base = replace(base, plane=planes[0])
     scene = composed(tuple(files), options, (), base=replace(base, objects=objects))

@@ -33,7 +33,7 @@ class SharedKeywords(TypedDict, total=False):
     field: str | None
     """Field, expression or predefined quantity that colours the picture."""
     plane: Plane | Mapping[str, float] | ArrayLike | Sequence[Plane | str] | None
-    """Cut plane, such as 0,0,0.2:0,0,1 or z=0.2."""
+    """Cut plane, such as 0,0,0.2:0,0,1 or z=0.2; z goes through the middle of the data."""
     camera: Camera | str | Mapping[str, Any] | ArrayLike | None
     """Named view or eye:at[:up[:degrees]]; with degrees a perspective view, else orthographic and fitted."""
     size: ArrayLike | None
@@ -192,7 +192,7 @@ class SharedKeywords(TypedDict, total=False):
     """Arrows at points, such as plane:P:N:30 or a table (see elvis help geometry); other keys follow after
     semicolons, such as length=0.1 or shape=cone."""
     slice: Plane | Mapping[str, float] | ArrayLike | Sequence[Plane | str] | None
-    """Cut plane, such as 0,0,0.2:0,0,1 or z=0.2."""
+    """Cut plane, such as 0,0,0.2:0,0,1 or z=0.2; z goes through the middle of the data."""
     scalars: str | None
     """Field, expression or predefined quantity that colours the picture."""
     cmap: str | None

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 from elvis.scene.errors import SceneError
-from elvis.scene.settings import FilePath, Model, Quantity, Setting
+from elvis.scene.settings import FilePath, Model, Quantity, Setting, check
 
 if TYPE_CHECKING:
     from elvis.core.arrays import Floats
@@ -108,6 +108,24 @@ class TriangleMesh(Model, of="a triangle mesh"):
     kind: Literal["mesh"] = field(default="mesh", kw_only=True)
 
 
+@dataclass(frozen=True, repr=False)
+class Middle(Model, of="a plane through the middle"):
+    """The plane across an axis through the middle of the data's box; it becomes a plane once the data are known."""
+
+    axis: Annotated[str, Setting("Axis that the plane is across: x, y or z.")]
+    kind: Literal["middle"] = field(default="middle", kw_only=True)
+
+    def check(self) -> None:
+        """Raise SceneError for another axis."""
+        check(self.axis in ("x", "y", "z"), "axis of a plane through the middle", "x, y or z", repr(self.axis))
+
+    def plane(self, corners: "Floats") -> Plane:
+        """The plane in data with the corners (2, 3) of their box."""
+        x, y, z = (0.5 * (corners[0] + corners[1])).tolist()
+        normal = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+        return Plane((x, y, z), normal[self.axis])
+
+
 #: surfaces that rays meet without any data
 Solid: TypeAlias = Plane | Sphere | Cylinder | Cone | TriangleMesh
-Surface: TypeAlias = Solid | Implicit
+Surface: TypeAlias = Solid | Implicit | Middle

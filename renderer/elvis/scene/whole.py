@@ -245,10 +245,10 @@ class Scene(Model):
         Setting(
             "Cut plane: short for a cut listed before all objects.  2D data are drawn in their own plane.",
             option="--plane",
-            metavar="POINT:NORMAL|z=V",
-            parse="plane",
+            metavar="POINT:NORMAL|z=V|z",
+            parse="cutting_plane",
             repeatable=True,
-            option_help="Cut plane, such as 0,0,0.2:0,0,1 or z=0.2.",
+            option_help="Cut plane, such as 0,0,0.2:0,0,1 or z=0.2; z goes through the middle of the data.",
         ),
     ] = None
     camera: Annotated[

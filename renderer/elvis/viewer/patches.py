@@ -10,9 +10,12 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from elvis.scene.errors import SceneError
+from elvis.scene.middle_planes import with_middles
 from elvis.scene.permissions import check_texts
-from elvis.scene.tables import Table, input_files, scene_of, steps_of
+from elvis.scene.tables import Table, input_files, scene_of, steps_of, table_of
 from elvis.scene.whole import Scene
 
 #: keys of a scene that define inputs, code and outputs, or that have no meaning on a page
@@ -66,6 +69,17 @@ def _set(table: Any, steps: list[int | str], value: Any) -> None:
         place.append(value)
     else:
         place[last] = value
+
+
+def placed(table: Table, facts: Table | None) -> Table:
+    """The table with planes instead of those through the middle of the data, which a page could not move.
+
+    facts  about the data; None before they are known
+    """
+    box = None if facts is None else facts["box"]
+    scene = scene_of({key: value for key, value in table.items() if key in ("objects", "clip")})
+    shown = scene if box is None else with_middles(scene, lambda: np.array(box))
+    return table if shown is scene else {**table, **table_of(shown)}
 
 
 def without(table: Table, key: str) -> tuple[Table, Table]:

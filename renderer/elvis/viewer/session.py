@@ -27,7 +27,7 @@ from elvis.viewer.drawer import DiedError, Drawer
 from elvis.viewer.drawing_process import Process, Source
 from elvis.viewer.messages import AnyMessage, Message, Question, parsed
 from elvis.viewer.page_files import views_of
-from elvis.viewer.patches import FIXED, folder_of, patched, put_back, scene_of_page, without
+from elvis.viewer.patches import FIXED, folder_of, patched, placed, put_back, scene_of_page, without
 from elvis.viewer.placing import TakenError, place_of
 from elvis.viewer.second_data import SecondData, sources_with
 from elvis.viewer.sizing import LATE, Sizing
@@ -227,6 +227,7 @@ class Session:
     ) -> None:
         """Show another scene; SceneError where it would not be valid."""
         scene_of_page(table, self.scene)
+        table = placed(table, self.facts)
         if self._before is None:
             self._before = self.table, self.hidden
         if not is_moving and self._before != (table, hidden):
@@ -461,8 +462,9 @@ class Session:
     def _begin(self, facts: Table) -> None:
         """Show only bodies if no objects are given and a far field would hide them, in colours of the pressure."""
         is_untouched = self.revision == 0 and not self._undo and self.table is self._start
-        if is_untouched and not self.scene.every_object:
-            self._start = self.table = {**self.table, **first_sight(facts, bool(self.scene.field))}
+        if is_untouched:
+            more = {} if self.scene.every_object else first_sight(facts, bool(self.scene.field))
+            self._start = self.table = {**placed(self.table, facts), **more}
 
     async def _draw(self) -> None:
         """One picture; while something moves, and before there is any, a quick one, and a whole one after it."""

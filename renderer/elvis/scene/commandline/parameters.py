@@ -16,6 +16,7 @@ from elvis.core.hints import perhaps
 from elvis.scene.commandline.other_programs import VIEWS
 from elvis.scene.settings import check, choices, settings, types
 from elvis.scene.style import check_range
+from elvis.scene.surfaces import Middle
 
 SURFACES: dict[str, Any] = {each.kind: each for each in get_args(scene.Surface)}
 
@@ -32,11 +33,18 @@ def plane(text: str) -> scene.Plane:
     return found
 
 
+def cutting_plane(text: str) -> scene.Plane | Middle:
+    """`plane`; ``z`` is the plane through the middle of the data."""
+    return Middle(text.strip()) if text.strip() in AXES else plane(text)
+
+
 def surface(text: str) -> scene.Surface:
     """A surface from its kind and parameters: ``sphere:x,y,z:radius``, ``mesh:FILE``, ``implicit:EXPRESSION``.
 
-    A bare ``z=0.2`` is a plane; SURFACES lists the kinds.
+    A bare ``z=0.2`` is a plane, a bare ``z`` the one through the middle; SURFACES lists the kinds.
     """
+    if text.strip() in AXES:
+        return Middle(text.strip())
     is_plane = point_and_normal(text) != text
     kind, _, rest = with_normals(f"plane:{text}" if is_plane else text).partition(":")
     check(kind in SURFACES and rest, "a surface", f"{', '.join(SURFACES)} and a colon", repr(text))

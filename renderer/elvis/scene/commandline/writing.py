@@ -275,6 +275,7 @@ _WRITERS: dict[str, Callable[[Any], str]] = {
     "color": _list,
     "deform": lambda deform: deform.displacement,
     "plane": _plane,
+    "cutting_plane": _plane,
     "repeat": lambda repeat: f"{_value(repeat.step)}:{repeat.count}",
     "turn": lambda turn: f"{_list(turn.point)}:{_list(turn.axis)}:{turn.count}",
     "color_range": lambda ends: ends if isinstance(ends, str) else ":".join(map(_number, ends)),
