@@ -340,8 +340,11 @@ def test_output_and_files(trial, place, capfd):
         assert "bug in ElVis" not in said
 
 
-def test_files_alone_open_the_viewer_where_there_is_a_screen(place, monkeypatch, capfd):
-    monkeypatch.setattr(running, "has_screen", lambda: True)
+@pytest.mark.parametrize("has_screen", [True, False])
+def test_files_alone_open_the_viewer_where_there_is_a_screen_or_options_of_its_server(
+    place, monkeypatch, capfd, has_screen
+):
+    monkeypatch.setattr(running, "has_screen", lambda: has_screen)
     with pytest.raises(SystemExit) as ended:
         command.main(["nothing.vtu", "--no-browser", "--idle", "0.1"])
     said = "".join(capfd.readouterr())

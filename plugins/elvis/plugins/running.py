@@ -24,6 +24,8 @@ from elvis.plugins.interrupts import INTERRUPTED, Interrupts
 from elvis.plugins.many_files import STEM, check_braces, for_many_files
 from elvis.plugins.registry import Plugin, PluginError, plugins
 
+#: options that only `elvis view` has
+SERVING = ("--no-browser", "--browser", "--port", "--host", "--allow-host", "--allow-writes", "--idle", "--live")
 #: environment variables, one of which is set if a browser can open, except on macOS and Windows
 SCREENS = ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")
 #: the command that is not a plugin
@@ -211,7 +213,7 @@ class PluginGroup(click.Group):
         name = args[0]
         if not name.startswith("-") and name not in (HELP, *self.list_commands(ctx)):
             if _names_data(name):
-                return super().resolve_command(ctx, [_showing_command(ctx), *args])
+                return super().resolve_command(ctx, [_showing_command(ctx, args), *args])
             raise click.UsageError(f"there is no command {name!r}{self._suggestion(name, ctx)}", ctx)
         return super().resolve_command(ctx, args)
 
@@ -232,11 +234,12 @@ def has_screen() -> bool:
     return sys.platform in ("darwin", "win32") or any(map(os.environ.get, SCREENS))
 
 
-def _showing_command(context: click.Context) -> str:
-    """The command for files without one: ``view``, or ``render`` if no browser can open."""
+def _showing_command(context: click.Context, words: list[str]) -> str:
+    """The command for files alone: ``view``, or ``render`` if no browser can open and no option is of ``view``."""
     settings = context.find_object(Settings)
     is_alone = settings is None or settings.ranks.size == 1
-    if is_alone and has_screen():
+    is_served = any(word.split("=")[0] in SERVING for word in words)
+    if is_alone and (has_screen() or is_served):
         return "view"
     if is_alone:
         print("elvis: note: no screen here, so this draws a picture; elvis view DATA serves a page", file=sys.stderr)
