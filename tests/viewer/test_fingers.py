@@ -73,7 +73,7 @@ def wheel(page, viewer):
 #: events, and whether they move the picture: else they zoom it
 WHEELS = {
     "a notch of a mouse": ([{"deltaY": 100, "wheelDelta": -120}], False),
-    "a slow notch on a Mac": ([{"deltaY": 4.000244140625, "wheelDelta": -120}], False),
+    "a slow notch on a Mac": ([{"deltaY": 4.000244140625, "wheelDelta": -12}], False),
     "lines": ([{"deltaY": 3, "deltaMode": 1}], False),
     "two fingers": ([{"deltaY": 10, "wheelDelta": -30}, {"deltaY": 40, "wheelDelta": -120}], True),
     "two fingers aslant": ([{"deltaX": 6, "deltaY": 40, "wheelDelta": -120}], True),

@@ -1788,8 +1788,8 @@ const COLOUR = ["field", "palette", "range", "bar"];
 const LIGHT = ["lights", "ambient", "background", "samples"];
 const FIGURE = ["title", "axes", "scale_bar", "box", "outline", "texts", "image", "font_size"];
 const STEP = Math.PI / 24;
-//: `wheelDelta` of one notch of a mouse's wheel; pixels of one, in browsers that do not report it
-const NOTCH = 120, LEAST_WHEEL = 50;
+//: `wheelDelta` of one notch of a mouse's wheel; pixels of one, in browsers that do not report it; pixels of a tenth on macOS
+const NOTCH = 120, LEAST_WHEEL = 50, MAC_NOTCH = 4.000244140625;
 //: diagonals of the picture above which that of the box around what is visible is deep
 const DEEP = 2;
 //: background of pictures on dark pages
@@ -2588,10 +2588,12 @@ function imageWithin(own, page) {
 }
 
 // Whether two fingers on a trackpad caused an event of the wheel.  A mouse's wheel turns by notches, which browsers report as
-// lines, or as multiples of 120 in `wheelDelta`; fingers move by any number of pixels, also sideways.
+// lines, as multiples of 120 in `wheelDelta`, or on macOS as multiples of a tenth of a notch in pixels (as MapLibre tells them);
+// fingers move by any number of pixels, also sideways.
 function isOfTrackpad({ deltaMode, deltaX, deltaY, wheelDeltaX, wheelDeltaY }) {
   if (deltaMode !== WheelEvent.DOM_DELTA_PIXEL) return false;
   if (deltaX && deltaY) return true;
+  if ((deltaX || deltaY) % MAC_NOTCH === 0) return false;
   const notches = wheelDeltaX || wheelDeltaY;
   return notches ? notches % NOTCH !== 0 : Math.abs(deltaX || deltaY) < LEAST_WHEEL;
 }
