@@ -370,7 +370,8 @@ class Controls {
   }
 
   variants(key, own, value, set) {
-    const kinds = Object.keys(own.discriminator.mapping);
+    // planes through the middle become planes as soon as the data are known
+    const kinds = Object.keys(own.discriminator.mapping).filter((kind) => kind !== "middle");
     const schemaOf = (kind) => this.resolve({ $ref: own.discriminator.mapping[kind] });
     const select = this.choice(kinds, value.kind, (kind) => set(this.start(schemaOf(kind), key)), `elvis-${++counter}`);
     return this.fold(key, value.kind, [select, ...this.rows(schemaOf(value.kind), value, set)], true);
