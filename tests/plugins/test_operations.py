@@ -265,6 +265,19 @@ def test_radii_of_small_discs_are_nearly_minimal(made, name):
     assert 0.99 < ratio < TIGHT.get(name, 1.03)
 
 
+@pytest.mark.parametrize("name", ["min", "max"])
+def test_discs_of_the_smaller_or_larger_are_their_range(made, name):
+    """Of operands that overlap."""
+    rng = np.random.default_rng(400 + NAMES.index(name))
+    middle = rng.uniform(0.3, 0.8, COUNT)
+    other, (radius, width) = middle + rng.uniform(-0.01, 0.01, COUNT), rng.uniform(0.01, 0.02, (2, COUNT))
+    first, second = (np.stack([own, room, 0 * own], axis=1) for own, room in ((middle, radius), (other, width)))
+    discs, _ = made(name, first, second)
+    ends = [REAL[name](middle + sign * radius, other + sign * width) for sign in (-1, 1)]
+    assert discs[:, 0] - discs[:, 1] == pytest.approx(ends[0], abs=1e-14)
+    assert discs[:, 0] + discs[:, 1] == pytest.approx(ends[1], abs=1e-14)
+
+
 # on the host
 
 

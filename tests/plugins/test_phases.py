@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from elvis import Dataset, ElvisError, Shape, at_phase, deform, sample
-from elvis.core.complex_fields import ComplexChoice, cosine_and_sine, pairs_in
+from elvis.core.complex_fields import ComplexChoice, cosine_and_sine, missing_components, pairs_in
 from elvis.core.conversion_errors import REPORT, ConversionErrors
 from elvis.core.quantities import Expression, Names
 from elvis.core.testing import approximated, grid
@@ -60,6 +60,13 @@ def test_an_amplitude_is_the_maximum_length_over_a_period():
     lengths = [np.hypot(expected("E_x", each).real, expected("E_y", each).real) for each in phases]
     # between steps of 0.1 degrees the length differs from its maximum by (0.0017)^2 / 2 of it at most
     assert np.allclose(value(waves(), "amplitude(E)"), np.max(lengths, axis=0), rtol=2e-6)
+
+
+def test_vectors_lack_the_components_of_which_others_are_known():
+    assert missing_components("u", ["u_x", "p", "u_z"], 3) == ["u_y"]
+    assert missing_components("u", ["u2"], 2) == ["u1"]
+    assert missing_components("u", ["u_x", "u_y"], 2) == []
+    assert missing_components("u", ["p", "v_x"], 3) == []
 
 
 @pytest.mark.parametrize("modes", [(4, 4), (5, 4)], ids=["one space", "two spaces"])

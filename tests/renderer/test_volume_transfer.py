@@ -119,6 +119,7 @@ def test_first_roots_are_found_with_the_least_slope_around_them(lines, found):
             assert not len(roots)
         elif steep > 0:
             assert place == pytest.approx(roots[0], abs=1e-9)
+            assert found["from"][k] - 1e-12 <= place <= found["to"][k] + 1e-12
             line = np.linspace(found["from"][k], found["to"][k], 50)
             slopes = np.abs(polynomial.deriv()(line))
             assert slopes.min() >= steep * (1 - 1e-9)
