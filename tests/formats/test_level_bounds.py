@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from elvis.core.dataset import Dataset
-from elvis.core.integrals import graph_discs, integrate, level_error
+from elvis.core.integrals import graph_discs, integrate, level_discs, level_error
 from elvis.core.integrals.cut_expansions import Expansion
 from elvis.core.integrals.graph_discs import RHOS, PartDiscs, graph_parts
 from elvis.core.integrals.kinks import branches
@@ -269,3 +269,33 @@ def test_discs_of_roots_have_room_for_the_change_of_the_slope():
     found = graph_discs.root_radii(Expansion(coefficients), 0 * one, 0.2 * one)
     assert 1 - np.sqrt(1 - 2 * 0.2) <= found[0, 0] < np.inf
     assert graph_discs.root_radii(Expansion(coefficients), 0 * one, 0.5 * one)[0, 0] == np.inf
+
+
+def test_only_upright_graphs_keep_their_height():
+    """(s + (1 - s) y) z = 0.3 has slopes along z from s to 1: the halves of an inclined surface are cubes again."""
+    (patch,) = patches(Dataset(grid(Shape.HEXAHEDRON, 1)))
+    _, y, z = np.meshgrid(*[np.array([0.0, 1.0])] * 3, indexing="ij")
+    nothing, none = (np.zeros(1, int),) * 2, (np.zeros((1, 1)),) * 2
+    sizes = []
+    for least in (0.8, 0.4):
+        nets = ((least + (1 - least) * y) * z - 0.3)[None]
+        boxes = LevelBoxes.of(patch, nothing, (np.zeros((1, 3)), np.ones((1, 3))), nets, np.zeros(1), none, False)
+        halves = boxes.resolved(1).halved(np.ones((1, 2), bool))
+        sizes.append(np.unique(halves.high - halves.low, axis=0).tolist())
+    assert sizes == [[[0.5, 0.5, 1.0]], [[0.5, 0.5, 0.5]]]
+
+
+def test_real_points_bound_the_area_where_its_branch_points_are_near():
+    """1 + r^2 with |r| < 3: the root of its disc isn't analytic, but of real numbers it is below sqrt(10)."""
+    disc = np.ones((1, 1)), np.full((1, 3), 9.0)
+    with np.errstate(all="ignore"):
+        middle, radius = level_discs._root_of_squares(disc, (1, 3))
+    assert np.isinf(radius[0, 1:]).all()
+    assert np.sqrt(10) <= middle[0, 0] + radius[0, 0] < 6
+
+
+def test_the_smallest_known_change_by_moving_counts():
+    """A disc that is known for the smaller of two movements bounds a movement that is smaller still, and no other."""
+    shifts, radii = np.array([[0.1, 1e-4]] * 3), np.array([[np.inf, 2.0], [4.0, 2.0], [np.inf, 2.0]])
+    found = level_error._changes_of_moved(np.array([1e-6, 1e-6, 1e-3]), shifts, radii)
+    assert found.tolist() == pytest.approx([2 * 1e-2 * 2.0, 2 * 1e-5 * 4.0, np.inf])
