@@ -5,10 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
+from click.testing import CliRunner
 
 from elvis import Dataset, ElvisError, Shape, read, sample, with_quantity, write
 from elvis.core.testing import approximated, curved, grid, scattered
 from elvis.plugins.added_quantities import add_quantities
+from elvis.plugins.command import elvis
 
 FUNCTIONS = {
     "u": lambda x: x[:, 0] ** 2 + x[:, 1] * x[:, 0],
@@ -167,3 +170,20 @@ def test_converted_data_get_quantities_with_the_mesh(files, tmp_path, elvis):
     found = read(tmp_path / "b.xml", tmp_path / "b.fld")
     points = np.array([[0.3, 0.6, 0.0]])
     assert values(found, "square", points) == pytest.approx(FUNCTIONS["u"](points) ** 2, abs=1e-12)
+
+
+def test_indicators_of_closed_surfaces_are_fields(tmp_path):
+    """The command that the page "From FieldConvert" names for phifile, within the error that it reports."""
+    box = trimesh.creation.box((0.5, 0.5, 0.5), trimesh.transformations.translation_matrix((0.5, 0.5, 0.5)))
+    box.export(tmp_path / "body.stl")
+    files = write(Dataset(grid(Shape.HEXAHEDRON, 2)), tmp_path / "a.xml")
+    out = tmp_path / "phi.fld"
+    words = ["--add", f"phi=indicator('{tmp_path / 'body.stl'}',0.5)", "--order", "2", "--json", "-o", out]
+    outcome = CliRunner().invoke(elvis, ["convert", *map(str, files), *map(str, words)])
+    assert outcome.exit_code == 0, outcome.output
+    error = json.loads(outcome.stdout)["fields"]["phi"]["max"]
+    points = np.array([[0.5, 0.5, 0.5], [0.5, 0.5, 0.75], [0.5, 0.95, 0.5], [0.3, 0.5, 0.5]])
+    exact = (1 - np.tanh(np.array([-0.25, 0, 0.2, -0.05]) / 0.5)) / 2
+    found = values(read(*files, out), "phi", points)
+    assert 0 < error < 0.2
+    assert np.abs(found - exact).max() <= error

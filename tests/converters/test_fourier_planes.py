@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from elvis import Dataset, ElvisError, Shape, integrate, read, write
+from elvis import Dataset, ElvisError, Shape, integrate, read, sample, write
 from elvis.converters.vtk_export import export_vtu
 from elvis.core.dataset import Field, Homogeneous
 from elvis.core.polynomials.bases import Basis
@@ -209,6 +209,45 @@ def test_energies_of_waves_add_up_to_the_mean_square(tmp_path, monkeypatch):
     # of wave 2, planes 4 and 5
     alone = [integrate(fourier_coefficients(data, number), "average(u^2)").value for number in (4, 5)]
     assert facts["by_field"]["u"][2] == pytest.approx(sum(alone) / 2, rel=1e-12)
+
+
+def test_energies_of_waves_in_a_box_are_those_of_its_elements(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    data, _ = spanwise(4)
+    write(data, "a.xml")
+    words = ["info", "a.xml", "a.fld", "--waves", "--json", "--box"]
+    halves = [json.loads(CliRunner().invoke(elvis, [*words, box]).stdout) for box in ("0,0.5,0,1", "0.5,1,0,1")]
+    # the area of elements is the square of their size h
+    sizes = sample(data, "h", [(x, y, 0) for x in (0.25, 0.75) for y in (0.25, 0.75)]).values[:, 0] ** 2
+    left, right = sizes.reshape(2, 2).sum(axis=1)
+    found = left * np.array(halves[0]["by_field"]["u"]) + right * np.array(halves[1]["by_field"]["u"])
+    found /= left + right
+    whole = json.loads(CliRunner().invoke(elvis, ["info", "a.xml", "a.fld", "--waves", "--json"]).stdout)
+    assert found == pytest.approx(np.array(whole["by_field"]["u"]), rel=1e-12)
+    outcome = CliRunner().invoke(elvis, [*words, "5,6,5,6"])
+    assert "--box: expected elements in 5,6,5,6, found none" in str(outcome.exception)
+
+
+def test_cosines_of_half_modes_become_sines(tmp_path, monkeypatch):
+    """With equal coefficients w is u a quarter of a period later."""
+    monkeypatch.chdir(tmp_path)
+    waves = Homogeneous((Basis.FOURIER_HALF_MODE_RE,), (PERIOD,), (0,))
+    whole, _ = spanwise(1)
+    blocks = [replace(own, expansion=replace(own.expansion, homogeneous=waves)) for own in whole.fields[0].blocks]
+    data = Dataset(whole.mesh, (Field("u", tuple(blocks)), Field("w", tuple(blocks))))
+    write(data, "a.xml")
+    words = ["convert", "a.xml", "a.fld", "-o", "b.xml"]
+    outcome = CliRunner().invoke(elvis, [*words, "--full", "--sine", "w"])
+    assert outcome.exit_code == 0, outcome.output
+    found = read("b.xml", "b.fld")
+    for z in (0.1, 0.8, 1.7):
+        value, angle = data["u"](0.3, 0.2, 0.0), 2 * np.pi * z / PERIOD
+        assert found["u"](0.3, 0.2, z) == pytest.approx(value * np.cos(angle), abs=1e-12)
+        assert found["w"](0.3, 0.2, z) == pytest.approx(value * np.sin(angle), abs=1e-12)
+    outcome = CliRunner().invoke(elvis, [*words, "--overwrite", "--sine", "w"])
+    assert "--sine: expected with --full" in str(outcome.exception)
+    outcome = CliRunner().invoke(elvis, [*words, "--overwrite", "--full", "--sine", "q"])
+    assert "--sine: expected some of the fields u, w; found q" in str(outcome.exception)
 
 
 def test_planes_are_coefficients(tmp_path, monkeypatch):

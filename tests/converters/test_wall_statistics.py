@@ -43,6 +43,7 @@ def test_means_of_shear_that_changes_sign(folder, over):
         assert wall["TAWSS"](x, 0.0) == pytest.approx(MU * size * (1 + x), rel=1e-10)
         assert abs(wall["shear_x"](x, 0.0)) == pytest.approx(MU * mean * (1 + x), rel=1e-10)
         assert wall["OSI"](x, 0.0) == pytest.approx((1 - mean / size) / 2, rel=1e-9)
+        assert wall["TAAFI"](x, 0.0) == pytest.approx(abs(weights @ np.sign(FACTORS)), rel=1e-10)
         assert wall["RRT"](x, 0.0) == pytest.approx(1 / (MU * mean * (1 + x)), rel=1e-9)
 
 
@@ -64,6 +65,8 @@ def test_shear_across_its_mean(tmp_path, monkeypatch):
     wall, _ = shear_over([(3.0, 1.0), (3.0, -1.0)])
     assert wall["transWSS"](0.3, 0.6, 0.0) == pytest.approx(MU, rel=1e-10)
     assert wall["TAWSS"](0.3, 0.6, 0.0) == pytest.approx(MU * np.sqrt(10), rel=1e-10)
+    assert wall["TAAFI"](0.3, 0.6, 0.0) == pytest.approx(3 / np.sqrt(10), rel=1e-10)
+    assert wall["TACFI"](0.3, 0.6, 0.0) == pytest.approx(1 / np.sqrt(10), rel=1e-10)
 
 
 def test_rounding_of_the_mean_has_no_direction(tmp_path, monkeypatch):

@@ -253,6 +253,10 @@ def test_the_command(tmp_path, monkeypatch):
     values = np.array(rows[1:], float)
     assert values[:, 11] == pytest.approx(values[:, 3] * values[:, 4], abs=1e-13)
     assert values[:, 2] == pytest.approx(values[:, 3], abs=1e-13)
+    found = CliRunner().invoke(elvis, [*words, "--chord", "0,0:0,0", "-o", "a.csv"])
+    assert found.exit_code == 1
+    assert "expected a chord with two different ends" in str(found.exception)
+    assert not (tmp_path / "a.csv").exists()
     plot = ["--plot", "p.svg", "--x", "x/c", "--reverse", "--overlay", "measured.csv:where,what"]
     assert CliRunner().invoke(elvis, [*words, *plot]).exit_code == 0
     text = (tmp_path / "p.svg").read_text()

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import starmap
 
 import numpy as np
 
 from elvis.core.arrays import Floats, frozen_floats
-from elvis.core.dataset import Block, Dataset, Homogeneous
+from elvis.core.dataset import Block, Dataset, Field, Homogeneous
 from elvis.core.errors import ElvisError
 from elvis.core.integrals import integrate
-from elvis.core.patch import Patch
+from elvis.core.mesh import Composite
+from elvis.core.patch import Patch, patches
 from elvis.core.polynomials.bases import Basis
+from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.polynomials.expansion import wave_values
 
 
@@ -77,12 +80,15 @@ class WaveEnergies:
     by_field: Mapping[str, tuple[float, ...]]
 
 
-def wave_energies(dataset: Dataset) -> WaveEnergies:
+def wave_energies(dataset: Dataset, box: tuple[float, ...] = ()) -> WaveEnergies:
     """The exact mean square of each field in each Fourier wave: of the mean for k = 0, else half of both squares.
 
-    Single and half modes count as wave 1.  Raises ElvisError for data without one Fourier direction.
+    box  x0, x1, y0, y1: only the elements whose corners have their mean in this box
+    Single and half modes count as wave 1.  Raises ElvisError for data without one Fourier direction, and for a box
+    without elements.
     """
     _check_one(dataset, "--waves")
+    dataset, over = _with_box(dataset, box) if box else (dataset, "domain")
     whole = in_full_waves(dataset)
     period = _waves_of(whole)[0].lengths[0]
     count = 1 + max(own for waves in _waves_of(whole) for own in waves.z_ids) // 2
@@ -92,9 +98,26 @@ def wave_energies(dataset: Dataset) -> WaveEnergies:
         for number in (2 * wave, 2 * wave + 1)[: 2 if wave else 1]:
             plane = _plane(whole, number)
             for name in names:
-                squared = integrate(plane, f"average(({name})^2)").value
+                squared = integrate(plane, f"average(({name})^2)", over).value
                 found[name][wave] += squared / 2 if wave else squared
     return WaveEnergies(tuple(range(count)), period, {name: tuple(own) for name, own in found.items()})
+
+
+def _with_box(dataset: Dataset, box: tuple[float, ...]) -> tuple[Dataset, str]:
+    """The data with a composite of the elements in a box, and its name as a target of integrals."""
+    mesh = dataset.mesh
+    low, high = np.array(box).reshape(2, 2).T
+    parts = []
+    for patch in patches(dataset, ()):
+        corners = evaluate(patch.geometry, patch.geometry_coefficients, patch.shape.vertices)
+        middles = corners.mean(axis=2)[:, :2]
+        is_inside = ((middles >= low) & (middles <= high)).all(axis=1)
+        parts += [(patch.shape.tag, patch.element_ids[is_inside])] if is_inside.any() else []
+    if not parts:
+        raise ElvisError(f"--box: expected elements in {','.join(f'{own:g}' for own in box)}, found none")
+    number = 1 + max(own.id for own in mesh.composites)
+    composites = (*mesh.composites, Composite(number, tuple(parts)))
+    return replace(dataset, mesh=replace(mesh, composites=composites)), f"region:{number}"
 
 
 def without_plane(dataset: Dataset, number: int) -> Dataset:
@@ -127,15 +150,21 @@ def common_waves(dataset: Dataset, what: str) -> Homogeneous:
     return found.pop()
 
 
-def in_full_waves(dataset: Dataset, periods: int = 1) -> Dataset:
+def in_full_waves(dataset: Dataset, periods: int = 1, sines: Sequence[str] = ()) -> Dataset:
     """The same functions in all Fourier modes of ``periods`` periods, also those of single and half modes.
 
+    sines  fields with half modes whose coefficients are those of the sine, a quarter of a period behind the cosine
     The session of the data is left out, as it describes another expansion.
-    ElvisError for data without one Fourier direction.
+    ElvisError for data without one Fourier direction, and for other names of fields.
     """
     _check_one(dataset, "--full" if periods == 1 else f"--stretch {periods}")
+    known = [field.name for field in dataset.fields]
+    if not set(sines) <= set(known):
+        raise ElvisError(f"--sine: expected some of the fields {', '.join(known)}; found {', '.join(sines)}")
 
-    def changed(waves: Homogeneous) -> tuple[Homogeneous, Floats]:
+    def changed(waves: Homogeneous, is_sine: bool) -> tuple[Homogeneous, Floats]:
+        if is_sine and waves.bases[0] is not Basis.FOURIER_HALF_MODE_RE:
+            raise ElvisError("--sine: expected fields with cosines of half modes, found others")
         highest = max(waves.z_ids) // 2 if waves.bases[0] is Basis.FOURIER else 1
         numbers = tuple(range(2 * (periods * highest + 1)))
         target = Homogeneous((Basis.FOURIER,), (periods * waves.lengths[0],), numbers)
@@ -143,10 +172,16 @@ def in_full_waves(dataset: Dataset, periods: int = 1) -> Dataset:
         # factors of old functions in terms of new ones, which are whole numbers: fitted to values over all periods
         places = periods * (np.arange(2 * len(numbers)) + 0.5) / (2 * len(numbers))
         old = wave_values(waves, 2 * (places % 1)[:, None] - 1)
+        if is_sine:
+            old = wave_values(waves, 2 * ((places - 0.25) % 1)[:, None] - 1)
         new = wave_values(target, 2 * places[:, None] / periods - 1)
         return target, np.rint(np.linalg.lstsq(new, old, rcond=None)[0])
 
-    return replace(_rewritten(dataset, changed), session={}, expansions=())
+    fields = list[Field]()
+    for field in dataset.fields:
+        alone = replace(dataset, fields=(field,))
+        fields += _rewritten(alone, partial(changed, is_sine=field.name in sines)).fields
+    return replace(dataset, fields=tuple(fields), session={}, expansions=())
 
 
 def _is_constant(waves: Homogeneous) -> Floats:

@@ -4,6 +4,9 @@ TAWSS                      mean of the length of the wall shear tau: time-averag
 shear_x, shear_y, shear_z  mean of tau
 transWSS                   in 3D, mean of the length of the part of tau across the mean of tau: transverse wall shear
                            stress (Peiffer, Sherwin and Weinberg 2013, Cardiovascular Research 99)
+TAAFI                      mean of the cosine of the angle between tau and the mean of tau: aligned flow index
+TACFI                      in 3D, mean of the sine of this angle: cross flow index (Mohamied et al. 2015, Annals of
+                           Biomedical Engineering 43)
 
 OSI and RRT are predefined quantities of these fields.
 """
@@ -28,6 +31,8 @@ from elvis.plugins.series.series import Series
 TAWSS = "TAWSS"
 #: name of the mean of the length of the part across the mean
 TRANSVERSE = "transWSS"
+#: names of the means of the cosine and the sine of the angle to the mean
+ALIGNED, CROSS = "TAAFI", "TACFI"
 #: numbers of shears that are held for a second pass, and the part of the mean length below which a mean is rounding
 _NUMBERS = 1 << 22
 _NO_MEAN = 1e-12
@@ -69,7 +74,7 @@ class WallStatisticsSource(BoundarySource):
         self._mesh_of = first
         self._weights = _weights(series, over)
         (vector, *_) = self.fields
-        lengths = [TAWSS, TRANSVERSE] if first.mesh.dimension == 3 else [TAWSS]
+        lengths = [TAWSS, TRANSVERSE, ALIGNED, CROSS] if first.mesh.dimension == 3 else [TAWSS, ALIGNED]
         self._vector = list(self.fields)
         self.fields = [*(replace(vector, name=own, is_polynomial=False, key=own) for own in lengths), *self._vector]
         self.time = None
@@ -100,10 +105,8 @@ class WallStatisticsSource(BoundarySource):
                 shears.clear()
         mean[np.abs(mean) <= _NO_MEAN * length] = 0.0
         found = {TAWSS: length, **dict(zip((own.name for own in self._vector), mean, strict=True))}
-        if TRANSVERSE in (own.name for own in self.fields):
-            known = shears if len(shears) == len(self._series) else self._shear(block, points, places)
-            found[TRANSVERSE] = _across(mean, known)
-        return found
+        known = shears if len(shears) == len(self._series) else self._shear(block, points, places)
+        return found | _angles(mean, length, known)
 
     def _shear(self, block: Elements, points: Floats, places: ElementPoints) -> Iterator[tuple[float, Floats]]:
         """Weight of each step, and its shear (d, n, q)."""
@@ -125,15 +128,23 @@ class WallStatisticsSource(BoundarySource):
         return found
 
 
-def _across(mean: Floats, shears: Iterable[tuple[float, Floats]]) -> Floats:
-    """(n, q) mean lengths of the part of shears (d, n, q) across their mean; all of it where the mean is zero."""
+def _angles(mean: Floats, mean_length: Floats, shears: Iterable[tuple[float, Floats]]) -> dict[str, Floats]:
+    """(n, q) means of the part of shears (d, n, q) across their mean, and of the cosine and sine of the angle to it.
+
+    Where the mean is zero, shears count as across it; a shear that is rounding has neither cosine nor sine.
+    """
     size = np.linalg.norm(mean, axis=0)
     direction = np.divide(mean, size, out=np.zeros_like(mean), where=size > 0)
-    length = np.zeros_like(size)
+    found = {name: np.zeros_like(size) for name in (TRANSVERSE, ALIGNED, CROSS)}
     for weight, shear in shears:
+        length = np.linalg.norm(shear, axis=0)
+        has_angle = length > _NO_MEAN * mean_length
         along = (shear * direction).sum(axis=0)
-        length += weight * np.linalg.norm(shear - along * direction, axis=0)
-    return length
+        across = np.linalg.norm(shear - along * direction, axis=0)
+        found[TRANSVERSE] += weight * across
+        for name, part in ((ALIGNED, along), (CROSS, across)):
+            found[name] += weight * np.divide(part, length, out=np.zeros_like(length), where=has_angle)
+    return found
 
 
 def _weights(series: Series, over: str) -> Floats:

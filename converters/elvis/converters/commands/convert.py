@@ -185,6 +185,12 @@ def _pairs(context: click.Context, parameter: click.Parameter, values: tuple[str
 )
 @click.option("--full", is_flag=True, help="Write single and half Fourier modes as full Fourier expansions.")
 @click.option(
+    "--sine",
+    metavar="NAMES",
+    help="With --full: fields of half modes, separated by commas, whose coefficients are those of a sine, such as w "
+    "next to cosines of u, v and p.",
+)
+@click.option(
     "--extrude",
     type=click.IntRange(1),
     metavar="N",
@@ -266,7 +272,7 @@ def _convert(
     from elvis.core.errors import ElvisError
     from elvis.core.terminal import print_json
 
-    waves = {key: options.pop(key) for key in ("plane", "mean_mode", "zero_plane", "stretch", "full")}
+    waves = {key: options.pop(key) for key in ("plane", "mean_mode", "zero_plane", "stretch", "full", "sine")}
     slabs = options.pop("extrude")
     onto = options["onto"]
     more = () if onto is None else tuple(map(Path, onto.split(",")))

@@ -6,18 +6,27 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from elvis.core.errors import ElvisError
+
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
     from elvis.plugins.report import Report
 
 
 def in_other_waves(
-    dataset: Dataset, plane: int | None, mean_mode: bool, zero_plane: int | None, stretch: int | None, full: bool
+    dataset: Dataset,
+    plane: int | None,
+    mean_mode: bool,
+    zero_plane: int | None,
+    stretch: int | None,
+    full: bool,
+    sine: str | None,
 ) -> Dataset:
     """The data with a changed Fourier direction, or one of its planes."""
+    if sine is not None and not full:
+        raise ElvisError("--sine: expected with --full")
     if plane is None and zero_plane is None and stretch is None and not (full or mean_mode):
         return dataset
-    from elvis.core.errors import ElvisError
     from elvis.plugins.fourier_planes import fourier_coefficients, fourier_mean, in_full_waves, without_plane
 
     if mean_mode and plane is not None:
@@ -25,7 +34,8 @@ def in_other_waves(
     if zero_plane is not None:
         dataset = without_plane(dataset, zero_plane)
     if full or stretch is not None:
-        dataset = in_full_waves(dataset, stretch or 1)
+        names = [] if sine is None else [name.strip() for name in sine.split(",")]
+        dataset = in_full_waves(dataset, stretch or 1, names)
     if mean_mode:
         return fourier_mean(dataset, "xyz"[min(dataset.mesh.dimension, 2)], "--mean-mode")
     return dataset if plane is None else fourier_coefficients(dataset, plane)

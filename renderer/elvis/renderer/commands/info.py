@@ -92,6 +92,9 @@ _OF_THE_WHOLE = ("resolution", "quality", "waves")
 )
 @click.option("--waves", is_flag=True, help="Energy of each field in each wave of a Fourier direction, exact.")
 @click.option(
+    "--box", metavar="X0,X1,Y0,Y1", help="With --waves: only elements whose corners have their mean in this box."
+)
+@click.option(
     "--largest-scale", is_flag=True, help="With --deform: find the smallest scale at which an element folds, certified."
 )
 @click.option("--wall", metavar="NAME", help="With --critical: zeros of the wall shear on this boundary.")
@@ -105,6 +108,7 @@ def info(
     everything: bool,
     without_top_modes: bool,
     wall: str | None,
+    box: str | None,
     **asked: bool,
 ) -> None:
     """Describe a dataset: shapes, orders, fields with their ranges, bounding box, and validity.
@@ -119,7 +123,7 @@ def info(
     --time.
     """
     many = None if everything else _MANY
-    _check_options(sum(asked.values()), wall is None or asked["critical"], asked["extrema"] or not without_top_modes)
+    _check_options(asked, wall, box, without_top_modes)
     if asked["largest_scale"]:
         from elvis.renderer.commands.info_scale import print_largest_scale
 
@@ -141,12 +145,12 @@ def info(
     if source is None or (asked["predefined"] and is_idle(ranks)):
         return
     tasks = {
-        "jacobian": partial(_prove, as_json=as_json, many=many),
+        "jacobian": partial(_prove, many=many, as_json=as_json),
         "extrema": partial(print_extrema, quantities, as_json, without_top_modes),
         "critical": partial(_isolate, names=quantities, wall=wall, as_json=as_json),
         "resolution": partial(print_resolution, names=quantities, as_json=as_json),
         "quality": partial(print_quality, as_json=as_json),
-        "waves": partial(print_waves, as_json=as_json),
+        "waves": partial(print_waves, box=box, as_json=as_json),
     }
     if _is_done(source, tasks, asked):
         return
@@ -194,14 +198,16 @@ def _is_done(source: Source, tasks: Mapping[str, Callable[[NativeSource], None]]
     return False
 
 
-def _check_options(count: int, is_wall_used: bool, are_modes_used: bool) -> None:
-    """Raise UsageError for several questions at once, a wall without critical points, and modes without extrema."""
-    if count > 1:
+def _check_options(asked: Mapping[str, bool], wall: str | None, box: str | None, without_top_modes: bool) -> None:
+    """Raise UsageError for several questions at once, and for options of others than the one that is asked."""
+    if sum(asked.values()) > 1:
         some = "--strict, --jacobian, --quantities, --extrema, --critical, --resolution, --quality, --waves"
         raise click.UsageError(f"expected {some} or --largest-scale, found several")
-    if not is_wall_used:
+    if wall is not None and not asked["critical"]:
         raise click.UsageError("--wall: expected with --critical")
-    if not are_modes_used:
+    if box is not None and not asked["waves"]:
+        raise click.UsageError("--box: expected with --waves")
+    if without_top_modes and not asked["extrema"]:
         raise click.UsageError("--without-top-modes: expected with --extrema")
 
 

@@ -9,13 +9,14 @@ if TYPE_CHECKING:
     from elvis.renderer.commands.sources import NativeSource
 
 
-def print_waves(source: NativeSource, as_json: bool) -> None:
-    """Print a row for each wave."""
+def print_waves(source: NativeSource, box: str | None, as_json: bool) -> None:
+    """Print a row for each wave, of all elements or of those in a box ``x0,x1,y0,y1``."""
+    from elvis.core.arguments import numbers
     from elvis.core.terminal import print_json, print_table, say, stage
     from elvis.plugins.fourier_planes import wave_energies
 
     with stage("integrating"):
-        found = wave_energies(source.dataset)
+        found = wave_energies(source.dataset, () if box is None else numbers(box, 4))
     if as_json:
         print_json(asdict(found))
         return
@@ -25,4 +26,5 @@ def print_waves(source: NativeSource, as_json: bool) -> None:
         length = f"{found.period / wave:.6g}" if wave else "mean"
         rows.append((wave, length, *(f"{found.by_field[name][number]:.6g}" for name in names)))
     print_table(("wave", "wavelength", *names), rows)
-    say("\nMean squares over the plane and the period; they add up to those of the fields.")
+    where = "the elements in the box" if box else "the plane"
+    say(f"\nMean squares over {where} and the period; they add up to those of the fields.")
