@@ -14,7 +14,7 @@ from elvis.core.chebyshev_models import model as models
 from elvis.core.chebyshev_models.expression_models import BoxLeaves, has_models, model_of
 from elvis.core.chebyshev_models.level_search import LevelSearch, SeriesBoxes
 from elvis.core.chebyshev_models.model_boxes import ModelBoxes, ShapeFacets, half_along
-from elvis.core.chebyshev_models.series import ORDERS, REACH, ROOM, shells_of, to_half
+from elvis.core.chebyshev_models.series import ORDERS, REACH, ROOM, bounds_in_eighths, shells_of, to_half
 from elvis.core.quantities.names import Names
 from elvis.core.quantities.parsing import Parser
 from elvis.core.quantities.tree import Node, fold
@@ -184,6 +184,21 @@ def test_series_on_a_half_are_the_same_polynomials() -> None:
         )
 
 
+def test_series_stay_within_their_bounds_in_eighths() -> None:
+    """Also the terms of high degree, which are not restricted; the bounds are sharper than those of the whole box."""
+    rng = np.random.default_rng(5)
+    powers = np.indices((10, 10, 10)).sum(axis=0)
+    series = rng.uniform(-1, 1, (3, 10, 10, 10)) * 0.2**powers
+    mean, reach = bounds_in_eighths(series)
+    for eighth in range(8):
+        sides = np.array([eighth >> 2 & 1, eighth >> 1 & 1, eighth & 1])
+        s = np.concatenate([rng.uniform(0, 1, (60, 3)), rng.integers(0, 2, (8, 3))]) + sides - 1
+        values = [chebyshev.chebval3d(*(s / ROOM).T, own) for own in series]
+        assert (np.abs(np.array(values) - mean[:, eighth, None]) <= reach[:, eighth, None]).all()
+    total = np.abs(series).sum(axis=(1, 2, 3)) - np.abs(series[:, 0, 0, 0])
+    assert (reach.max(axis=1) < 0.7 * total).all()
+
+
 def test_boxes_contain_the_whole_level_set() -> None:
     root, level = root_of("d(u,x)*d(v,y)-d(u,y)*d(v,x)"), 0.05
     series = random_series(2, 3, 11)
@@ -242,9 +257,9 @@ def test_series_that_need_too_much_memory_are_less_close(monkeypatch: pytest.Mon
     series = random_series(2, 3, 11)
     exact = np.zeros(series.shape[:2])
     search = LevelSearch(Whole(series), root_of("u*v"), NAMES, exact, ShapeFacets(CUBE), 7, root_of("u+v"))
-    close = search._affordable(np.arange(2), 0.0)[0].tolerance
+    close = search.planned(0.0, 2).tolerance
     monkeypatch.setattr(level_search, "_MOST_BYTES", 0)
-    assert search._affordable(np.arange(2), 0.0)[0].tolerance > close
+    assert search.planned(0.0, 2).tolerance > close
 
 
 def test_elements_with_nan_or_flat_maps_have_no_model() -> None:

@@ -14,7 +14,7 @@ from elvis.core.sampling import sample
 from elvis.core.shapes import Shape
 from elvis.core.testing import VORTICES, approximated, curved, grid, swirled
 from elvis.plugins.native import NativeVolume, elements
-from elvis.plugins.native.level_models import LevelModels
+from elvis.plugins.native.level_models import ElementLevelSeries
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.passes.isosurface.enclosing import AXES, BOXES, tails
 from elvis.renderer.passes.isosurface.isosurface import IsosurfaceDrawer, Level
@@ -103,6 +103,19 @@ def test_dense_samples_never_refute_certain_pixels_of_series_in_boxes(iso, shape
     refute(iso, dataset, "q_criterion", 1.0, (20, 16), 0.98)
 
 
+def test_series_are_found_for_the_needed_elements_only():
+    (part,) = NativeVolume.of(flow(Shape.HEXAHEDRON, cells=2, modes=6), "d(u,x)").parts
+    whole, alone = part.level_boxes(0.5), part.level_boxes(0.5)
+    every = whole.of(np.arange(len(part)))
+    element = np.array([every.element.max()])
+    found, again = alone.of(element), whole.of(element)
+    assert 0 < alone.nbytes < whole.nbytes
+    for own in (found, again):
+        assert (own.element == element).all()
+        assert own.centre == pytest.approx(every.centre[every.element == element])
+        assert own.series == pytest.approx(every.series[every.element == element], abs=1e-12)
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize(
     ("quantity", "value", "counts"),
@@ -110,15 +123,15 @@ def test_dense_samples_never_refute_certain_pixels_of_series_in_boxes(iso, shape
 )
 def test_only_genuine_zeros_of_products_count_in_boxes(iso, monkeypatch, quantity, value, counts):
     """Models stand for determinants and products; without conditions, pixels with other zeros are not certain."""
-    found = LevelModels.boxes
+    found = ElementLevelSeries.of
 
-    def without_condition(models, level):
-        boxes = found(models, level)
+    def without_condition(series, elements):
+        boxes = found(series, elements)
         assert len(boxes)
         assert (boxes.condition[:, 0] >= 0).any()
         return boxes if counts else replace(boxes, condition=np.tile((-1.0, 0.0), (len(boxes), 1)))
 
-    monkeypatch.setattr(LevelModels, "boxes", without_condition)
+    monkeypatch.setattr(ElementLevelSeries, "of", without_condition)
     with nullcontext() if counts else pytest.raises(AssertionError):
         refute(iso, flow(Shape.HEXAHEDRON, modes=6), quantity, value, (20, 16), 0.95)
 
@@ -126,16 +139,17 @@ def test_only_genuine_zeros_of_products_count_in_boxes(iso, monkeypatch, quantit
 @pytest.mark.parametrize("stated", [True, False])
 def test_remainders_of_series_in_boxes_count(iso, monkeypatch, stated):
     """Series that are off by a constant refute nothing where their misfit says so, and something where it does not."""
-    found = LevelModels.boxes
+    found = ElementLevelSeries.of
 
-    def shifted(models, level):
-        boxes = found(models, level - SHIFT)
+    def shifted(own, elements):
+        own.level = 1.0 - SHIFT
+        boxes = found(own, elements)
         series, misfit = boxes.series.copy(), boxes.misfit.copy()
         series[:, 3, 0, 0, 0] += SHIFT
         misfit[:, 0] += SHIFT * stated
         return replace(boxes, series=series, misfit=misfit)
 
-    monkeypatch.setattr(LevelModels, "boxes", shifted)
+    monkeypatch.setattr(ElementLevelSeries, "of", shifted)
     with nullcontext() if stated else pytest.raises(AssertionError):
         refute(iso, flow(Shape.HEXAHEDRON, modes=6), "q_criterion", 1.0, (20, 16), 0.1)
 
@@ -143,15 +157,15 @@ def test_remainders_of_series_in_boxes_count(iso, monkeypatch, stated):
 def test_elements_without_a_model_are_drawn_by_discs(iso, monkeypatch):
     dataset, view = flow(Shape.HEXAHEDRON, modes=6), View.through(CAMERA, (8, 6))
     known = iso(dataset, view, "d(u,x)", 0.5)
-    found = LevelModels.boxes
+    found = ElementLevelSeries.of
 
-    def no_models(models, level):
+    def no_models(own, elements):
         none = np.zeros(0, np.int64)
-        boxes = found(models, level)
+        boxes = found(own, elements)
         fields = {name: getattr(boxes, name)[none] for name in vars(boxes) if name != "unmodelled"}
         return SeriesBoxes(**fields, unmodelled=np.unique(boxes.element))
 
-    monkeypatch.setattr(LevelModels, "boxes", no_models)
+    monkeypatch.setattr(ElementLevelSeries, "of", no_models)
     by_discs = iso(dataset, view, "d(u,x)", 0.5)
     hit = np.isfinite(known.depth)
     assert hit.any()
@@ -220,7 +234,8 @@ def test_values_at_nodes_match_the_quantity(renderer, shape):
     device = renderer("vulkan").device
     drawer = IsosurfaceDrawer(DeviceVolume(device, NativeVolume.of(dataset, "q_criterion")))
     part = drawer.loaded.parts[0]
-    level = Level(View.through(CAMERA, (8, 8)), 0, None, 1.0, drawer.loaded.bindings(0, None))
+    view = View.through(CAMERA, (8, 8))
+    level = Level(view, 0, None, 1.0, drawer.loaded.bindings(0, None), elements=np.arange(len(part)))
     portion, elements = next(drawer.portions(level))
     elements["centre"], elements["half"] = rng.uniform(-0.8, -0.5, (len(elements), 3)), 0.1
     drawer.find_points(portion, device.buffer(elements), len(elements))

@@ -49,8 +49,7 @@ class Enclosure:
     distances   whether there are distances among the leaves
     continuous  whether it has neither jumps nor poles; isosurfaces are proved only without them
     slopes      whether it also depends on derivatives of fields
-    boxes       optional: boxes with series that approximate it near one level, in which ``degree`` belongs to the
-                series
+    in_boxes    whether series in boxes approximate it near one level; ``degree`` is the degree of these series
     """
 
     type: str
@@ -63,7 +62,23 @@ class Enclosure:
     distances: bool = False
     continuous: bool = True
     slopes: bool = True
-    boxes: SeriesBoxes | None = None
+    in_boxes: bool = False
+
+
+class LevelSeries(Protocol):
+    """Series of a quantity in boxes of elements that may have one value.
+
+    nbytes  of all series found so far
+    """
+
+    nbytes: int
+
+    @property
+    def degree(self) -> int:
+        """Degree of the series."""
+
+    def of(self, elements: Ints) -> SeriesBoxes:
+        """The boxes of some elements (n,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +146,7 @@ class Quantity:
     condition: Quantity | None = None
     slopes: SlopeBounds | None = None
     base_degree: int = 0
-    level_boxes: Callable[[float], SeriesBoxes] | None = None
+    level_boxes: Callable[[float], LevelSeries] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,7 +204,7 @@ class Part:
     enclosure: Enclosure | None = None
     slopes: SlopeBounds | None = None
     base_degree: int = 0
-    level_boxes: Callable[[float], SeriesBoxes] | None = None
+    level_boxes: Callable[[float], LevelSeries] | None = None
 
     def __len__(self) -> int:
         return len(self.element_ids)

@@ -465,6 +465,6 @@ def _condition(chosen: Part | Quantity) -> str:
 
 def stand_in(chosen: Part | Quantity) -> int:
     """Degree of polynomials that stand for a quantity that is none, over a sub-element; with distances, of its map."""
-    if (enclosure := enclosure_of(chosen)) is None or enclosure.distances or enclosure.boxes is not None:
+    if (enclosure := enclosure_of(chosen)) is None or enclosure.distances or enclosure.in_boxes:
         return STAND_IN if enclosure is None else enclosure.degree
     return max(ENCLOSED, enclosure.map_degree)

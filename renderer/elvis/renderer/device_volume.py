@@ -7,22 +7,19 @@ from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import chain
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.mapping.boxes import Boxes
-from elvis.plugins.volume import Enclosure, Part, Quantity, Volume
+from elvis.plugins.volume import Enclosure, LevelSeries, Part, Quantity, Volume
 from elvis.renderer.device import Device
 from elvis.renderer.leaf_types import enclosure_of
 from elvis.renderer.memory import Buffer
 from elvis.renderer.pixels import BORDER
 from elvis.scene.fitting import surrounding
-
-if TYPE_CHECKING:
-    from elvis.core.chebyshev_models.level_search import SeriesBoxes
 
 T = TypeVar("T")
 #: bytes of the series in boxes that stay from one picture to the next
@@ -45,7 +42,7 @@ class DeviceVolume:
         device.include(volume.shader_folder)
         self.device, self.parts, self.dimension = device, list(volume.parts), volume.dimension
         self._levels: dict[tuple[int, str], tuple[str | None, float]] = {}
-        self._in_boxes: OrderedDict[tuple[int, str], SeriesBoxes] = OrderedDict()
+        self._in_boxes: OrderedDict[tuple[int, str], LevelSeries] = OrderedDict()
         self._brought = {} if before is None or before.device is not device else before._shared_with(self.parts)
         self.bytes = sum(data.nbytes for data, _ in self._brought.values())
         is_same = before is not None and before.device is device and _has_same_elements(before.parts, self.parts)
@@ -124,8 +121,8 @@ class DeviceVolume:
                 self._levels[key] = key[1], found[1]
         return self._levels[key]
 
-    def in_boxes(self, number: int, quantity: str | None, value: float) -> tuple[str, SeriesBoxes] | None:
-        """A quantity in boxes of elements that may have a value, by series, and these; None where none are known."""
+    def in_boxes(self, number: int, quantity: str | None, value: float) -> tuple[str, LevelSeries] | None:
+        """A quantity in boxes of elements that may have a value, by series, and these; None if none are known."""
         own = self.quantity(number, quantity)
         if own.degree or own.level_boxes is None or enclosure_of(own) is None:
             return None
@@ -133,9 +130,8 @@ class DeviceVolume:
         if key not in self._in_boxes:
             self._in_boxes[key] = boxes = own.level_boxes(value)
             assert own.enclosure is not None
-            degree = boxes.series.shape[-1] - 1
             enclosure = replace(
-                own.enclosure, type=f"Itself<{own.type}>", fields=1, degree=degree, base_degree=0, boxes=boxes
+                own.enclosure, type=f"Itself<{own.type}>", fields=1, degree=boxes.degree, base_degree=0, in_boxes=True
             )
             self._add_quantity(number, key[1], _as_quantity(own, enclosure))
             self._drop_old_boxes()
@@ -148,7 +144,7 @@ class DeviceVolume:
 
     def _drop_old_boxes(self) -> None:
         """Give back the boxes that were not drawn for longest while all take more than they may; the last ones stay."""
-        while len(self._in_boxes) > 1 and sum(own.series.nbytes for own in self._in_boxes.values()) > _MOST_OF_BOXES:
+        while len(self._in_boxes) > 1 and sum(own.nbytes for own in self._in_boxes.values()) > _MOST_OF_BOXES:
             (number, name), _ = self._in_boxes.popitem(last=False)
             part = self.parts[number]
             others = {key: own for key, own in part.quantities.items() if key != name}

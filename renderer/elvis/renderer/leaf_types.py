@@ -32,18 +32,13 @@ def along_rays(part: Part, chosen: Part | Quantity) -> Enclosure | None:
 def works_together(stage: str, chosen: Part | Quantity) -> bool:
     """Whether all lanes of a stage evaluate a quantity together.
 
-    Distances are evaluated on some lanes only; so are conditions of levels, and quantities without proof, where rays
-    meet an isosurface.
+    Distances are evaluated on some lanes only; so are quantities without proof where rays meet an isosurface.
     """
     if chosen.degree > 0:
         return True
     if chosen.enclosure is not None and chosen.enclosure.distances:
         return False
-    if stage != "iso_draw":
-        return True
-    enclosure = enclosure_of(chosen)
-    boxes = None if enclosure is None else enclosure.boxes
-    return enclosure is not None and (boxes is None or not (boxes.condition[:, 0] >= 0.0).any())
+    return stage != "iso_draw" or enclosure_of(chosen) is not None
 
 
 def leaves_along_rays(part: Part, chosen: Part | Quantity) -> str:
@@ -73,5 +68,5 @@ def _leaf_constants(enclosure: Enclosure) -> str:
         f"export static const int leaf_base_degree = {enclosure.base_degree or enclosure.degree};"
         f"export static const bool leaf_total = {str(enclosure.is_total).lower()};"
         f"export static const bool leaf_distances = {str(enclosure.distances).lower()};"
-        f"export static const bool in_boxes = {str(enclosure.boxes is not None).lower()};"
+        f"export static const bool in_boxes = {str(enclosure.in_boxes).lower()};"
     )

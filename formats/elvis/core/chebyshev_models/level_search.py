@@ -10,7 +10,7 @@ Restricting a series to an eighth of its box is exact but for rounding.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -30,6 +30,7 @@ from elvis.core.chebyshev_models.series import (
     ORDERS,
     ROOM,
     amplification,
+    bounds_in_eighths,
     kernel_rounding,
     shells_of,
     sizes_of,
@@ -40,7 +41,7 @@ from elvis.core.chebyshev_models.series import (
 from elvis.core.quantities.tree import Node
 
 #: bisections of elements' boxes and nodes per direction of the models tried first, in order of increasing cost
-_PLANS = ((0, 12), (0, 16), (1, 10), (1, 12), (1, 14), (1, 16), (2, 12), (2, 14), (3, 12))
+_PLANS = ((0, 12), (0, 16), (1, 10), (1, 12), (1, 14), (1, 16), (2, 12), (2, 14), (2, 16), (3, 12))
 #: elements on which plans are tried, and the part of the most that any does for
 _TRIED, _MOST_OF_THEM = 8, 0.75
 #: more halvings of boxes whose models are not good enough, before these are given up
@@ -57,15 +58,18 @@ _MODEL_PART = 2e-4
 _FAIR_PART = 2e-3
 #: the same tolerance, including terms that local series drop
 _LOCAL_PART = 3e-4
-#: both for products with a condition, which are small compared to their range over wide areas, and more degrees of
-#: local series to try
-_CONDITIONED_PART, _CONDITIONED_DEGREES = 1e-5, (4, 6)
-#: bytes of all series beyond which products with a condition are followed less closely
-_MOST_BYTES = 3 << 30
+#: both tolerances for products with a condition, which are small compared to their range over wide areas
+_CONDITIONED_PART = 1e-4
+#: degrees of local series that are tried for them, beyond the least
+_CONDITIONED_DEGREES = (0, 2)
+#: share of the tolerated error that plans for such products may use: parts of a box have smaller ranges
+_OF_PLANS = 0.1
+#: bytes of the series of all elements beyond which products with a condition are followed less closely
+_MOST_BYTES = 8 << 30
 #: pixels of a box of a picture; within one, the quantity changes by more than the error of its series
 _PIXELS = 16.0
 #: boxes whose models are built together: intermediate results stay in the processor's cache
-_AT_ONCE = 64
+_AT_ONCE = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +82,9 @@ class SeriesBoxes:
     misfit     (n, ORDERS) bounds, for |s| <= REACH, of the error of the series of the quantity, and of its derivatives
                in s
     error      (n,) maximum error of computed values of the quantity
+    summed     (n,) the part of it that is rounding in sums of the series
     places     (n,) maximum error of computed positions in the world
+    world      (n, 6) low and high corner in the world of boxes that contain them
     condition  (n, 2) maximum error of computed values of the condition, and maximum sum of the magnitudes of its
                derivatives in s; -1 and 0 where the whole level counts
     unmodelled  (m,) rows of elements without a model
@@ -90,12 +96,32 @@ class SeriesBoxes:
     series: Floats
     misfit: Floats
     error: Floats
+    summed: Floats
     places: Floats
+    world: Floats
     condition: Floats
     unmodelled: Ints
 
     def __len__(self) -> int:
         return len(self.element)
+
+    def by_element(self) -> dict[int, SeriesBoxes]:
+        """The boxes of each element."""
+        order = np.argsort(self.element, kind="stable")
+        elements, first = np.unique(self.element[order], return_index=True)
+        rows = np.split(order, first[1:]) if len(elements) else []
+        return {int(element): self._part(own) for element, own in zip(elements, rows, strict=True)}
+
+    def _part(self, rows: Ints) -> SeriesBoxes:
+        """Some of the boxes."""
+        numbers = {own.name: getattr(self, own.name)[rows] for own in fields(self) if own.name != "unmodelled"}
+        return SeriesBoxes(**numbers, unmodelled=np.zeros(0, np.int64))
+
+    @staticmethod
+    def joined(parts: Sequence[SeriesBoxes]) -> SeriesBoxes:
+        """The boxes of several searches."""
+        numbers = {own.name: np.concatenate([getattr(part, own.name) for part in parts]) for own in fields(SeriesBoxes)}
+        return SeriesBoxes(**{**numbers, "unmodelled": np.unique(numbers["unmodelled"])})
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +137,8 @@ class LevelSearch:
     tolerance  tolerated error of models with a condition, relative to their range
     condition  an expression that is positive where the level does not count, and negative where it does; None if all
             of it counts
+    halvings  of elements' boxes before the first models
+    count     nodes per direction of these models; 0 before they are planned
     """
 
     elements: ElementSeries
@@ -121,33 +149,51 @@ class LevelSearch:
     degree: int
     condition: Node | None = None
     tolerance: float = _CONDITIONED_PART
+    halvings: int = 0
+    count: int = 0
 
     def find(self, level: float) -> SeriesBoxes:
         """The boxes of elements that may hold a level."""
-        finite = self.elements.finite
-        rows = np.flatnonzero(finite)
+        search = self.planned(level, len(self.errors)) if self.count == 0 else self
+        return search._find(level)
+
+    def planned(self, level: float, total: int) -> LevelSearch:
+        """The search with halvings, nodes, degree and tolerance that suit its elements, which stand for ``total``."""
+        rows = np.flatnonzero(self.elements.finite)
         if not len(rows):
-            return self._none(np.flatnonzero(~finite))
+            return replace(self, count=_NODES_OF_PARTS)
         # infinite remainders become NaN when combined; neither ever counts as small
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-            search, halvings, count = self._affordable(rows, level)
-            found = [search._none(np.flatnonzero(~finite))]
-            for some in np.array_split(rows, -(-len(rows) // _AT_ONCE)):
-                for centre in search._centres(halvings):
-                    boxes = self.elements.boxes(some, centre, 0.5**halvings)
-                    found.extend(search._search(boxes, level, count, _MOST_MORE_HALVINGS))
-        return _together(found)
+            return self._affordable(rows, level, total)
 
-    def _affordable(self, rows: Ints, level: float) -> tuple[LevelSearch, int, int]:
-        """The closest search whose series have room, with its halvings of elements and nodes of a line."""
+    def _find(self, level: float) -> SeriesBoxes:
+        """The boxes of a planned search."""
+        finite = self.elements.finite
+        rows = np.flatnonzero(finite)
+        found = [self.none(np.flatnonzero(~finite))]
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+            for some in np.array_split(rows, -(-len(rows) // _AT_ONCE)) if len(rows) else []:
+                for boxes in self._boxes_of(some):
+                    found.extend(self._search(boxes, level, self.count, _MOST_MORE_HALVINGS))
+        return SeriesBoxes.joined(found)
+
+    def _boxes_of(self, rows: Ints) -> Iterator[ModelBoxes]:
+        """All boxes of some elements, those of several centres together."""
+        centres = self._centres(self.halvings)
+        half = 0.5**self.halvings
+        for some in np.array_split(centres, -(-len(centres) * len(rows) // _AT_ONCE)):
+            yield joined([self.elements.boxes(rows, centre, half) for centre in some])
+
+    def _affordable(self, rows: Ints, level: float, total: int) -> LevelSearch:
+        """The closest search for all elements (``total``) whose series have room."""
         halvings, count = self._plan(rows)
-        boxes = self.elements.boxes(_some_of(rows), self._place(halvings), 0.5**halvings)
-        search = self._with_best_degree(boxes, level, count)
+        boxes = self.elements.boxes(some_of(rows), self._place(halvings), 0.5**halvings)
+        search = replace(self._with_best_degree(boxes, level, count), halvings=halvings, count=count)
         if self.condition is not None and self.tolerance < _LOCAL_PART:
-            times = len(rows) * len(self._centres(halvings)) / len(boxes)
+            times = total * len(self._centres(halvings)) / len(boxes)
             if 8 * times * search._terms(boxes, level, count) > _MOST_BYTES:
-                return replace(self, tolerance=_LOCAL_PART)._affordable(rows, level)
-        return search, halvings, count
+                return replace(self, tolerance=_LOCAL_PART)._affordable(rows, level, total)
+        return search
 
     def _with_best_degree(self, boxes: ModelBoxes, level: float, count: int) -> LevelSearch:
         """The search with the degree for which series on some boxes take the least memory and time."""
@@ -172,8 +218,8 @@ class LevelSearch:
         """Halvings of elements' boxes and nodes of a line with which most models of some elements are good enough."""
         good = []
         for halvings, count in _PLANS:
-            boxes = self.elements.boxes(_some_of(rows), self._place(halvings), 0.5**halvings)
-            good.append(self._models(boxes, count).is_good.mean())
+            boxes = self.elements.boxes(some_of(rows), self._place(halvings), 0.5**halvings)
+            good.append(self._models(boxes, count).is_within(_OF_PLANS if self.condition is not None else 1.0).mean())
             if good[-1] == 1.0:
                 break
         # no plan suits singular maps
@@ -198,7 +244,7 @@ class LevelSearch:
             if halvings and len(rest):
                 yield from self._search(self._afresh(rest.eighths(self.inside)), level, count, halvings - 1)
             elif len(rest):
-                yield self._none(np.unique(rest.element))
+                yield self.none(np.unique(rest.element))
 
     def _afresh(self, boxes: ModelBoxes) -> ModelBoxes:
         """The same boxes with series of their own, whose errors are smaller than those of larger boxes."""
@@ -231,6 +277,7 @@ class LevelSearch:
         small compared to this error get models of their own.
         """
         models = models.part(models.may_hold(level))
+        models = models.part(models.may_hold_in_parts(level))
         if not len(models.boxes):
             return
         part = _LOCAL_PART if self.condition is None else self.tolerance
@@ -247,7 +294,7 @@ class LevelSearch:
         if len(rest.boxes):
             yield from self._local(rest.eighths(self.inside, level), level, False)
 
-    def _none(self, unmodelled: Ints | None = None) -> SeriesBoxes:
+    def none(self, unmodelled: Ints | None = None) -> SeriesBoxes:
         """No boxes, and elements without models."""
         size = self.degree + 1
         return SeriesBoxes(
@@ -258,6 +305,8 @@ class LevelSearch:
             np.zeros((0, ORDERS)),
             np.zeros(0),
             np.zeros(0),
+            np.zeros(0),
+            np.zeros((0, 6)),
             np.zeros((0, 2)),
             np.zeros(0, np.int64) if unmodelled is None else unmodelled,
         )
@@ -293,11 +342,15 @@ class _ModelledBoxes:
     @property
     def is_good(self) -> Bools:
         """(n,) whether the error of the series is small compared to its range, or is rounding."""
+        return self.is_within(1.0)
+
+    def is_within(self, share: float) -> Bools:
+        """(n,) whether it is at most this share of the tolerated error, or rounding."""
         lacking = _lacking(self.remainder)
         count = self.coefficients.shape[-1]
         rounding = amplification(count) * self.error * max(_PIXELS, steepness(count, 1))
         part = _MODEL_PART if self.condition is None else self.condition.tolerance
-        return np.asarray(lacking <= np.maximum(part * self.range, 2.0 * rounding))
+        return np.asarray(lacking <= np.maximum(share * part * self.range, 2.0 * rounding))
 
     @property
     def is_fair(self) -> Bools:
@@ -309,6 +362,15 @@ class _ModelledBoxes:
         mean = self.coefficients[:, 0, 0, 0]
         meets = ~(np.abs(mean - level) > self.range + self.remainder[0] + self.error)
         return np.asarray(meets if self.condition is None else meets & ~self.condition.is_positive)
+
+    def may_hold_in_parts(self, level: float) -> Bools:
+        """(n,) whether the quantity may have the level in an eighth of a box: the series excludes more there."""
+        mean, reach = bounds_in_eighths(self.coefficients)
+        room = (self.remainder[0] + self.error)[:, None]
+        meets = ~(np.abs(mean - level) > reach + room)
+        if self.condition is not None:
+            meets &= ~self.condition.is_positive_in_eighths
+        return np.asarray(meets.any(axis=1))
 
     def misfit(self, degree: int) -> Floats:
         """(ORDERS, n) the remainders with the terms beyond a degree."""
@@ -363,10 +425,23 @@ class _ModelledBoxes:
         summed = kernel_rounding(size) * np.abs(series).sum(axis=(2, 3, 4))
         places = (boxes.error[:, :3] + left_out + summed[:, :3]).sum(axis=1)
         error = self.error + summed[:, 3]
+        middle = series[:, :3, 0, 0, 0]
+        extent = np.abs(series[:, :3]).sum(axis=(2, 3, 4)) - np.abs(middle) + places[:, None]
+        world = np.concatenate([middle - extent, middle + extent], axis=1)
         whole = np.tile((-1.0, 0.0), (len(boxes), 1))
         condition = whole if self.condition is None else self.condition.in_kernels
         return SeriesBoxes(
-            boxes.element, boxes.centre, boxes.half, series, in_box, error, places, condition, np.zeros(0, np.int64)
+            boxes.element,
+            boxes.centre,
+            boxes.half,
+            series,
+            in_box,
+            error,
+            summed[:, 3],
+            places,
+            world,
+            condition,
+            np.zeros(0, np.int64),
         )
 
 
@@ -428,6 +503,12 @@ class _Condition:
         return np.asarray(self.coefficients[:, 0, 0, 0] > self._room)
 
     @property
+    def is_positive_in_eighths(self) -> Bools:
+        """(n, 8) whether the level counts nowhere in an eighth of a box."""
+        mean, reach = bounds_in_eighths(self.coefficients)
+        return np.asarray(mean > reach + (self.remainder + self.error)[:, None])
+
+    @property
     def in_kernels(self) -> Floats:
         """(n, 2) as in SeriesBoxes."""
         counts = self.coefficients[:, 0, 0, 0] < -self._room
@@ -435,9 +516,9 @@ class _Condition:
         return np.where(counts[:, None], (-1.0, 0.0), open_ends)
 
 
-def _some_of(rows: Ints) -> Ints:
+def some_of(rows: Ints) -> Ints:
     """Some of all elements, on which plans are tried."""
-    return rows[np.unique(np.linspace(0, len(rows) - 1, _TRIED).astype(np.int64))]
+    return rows[np.unique(np.linspace(0, len(rows) - 1, min(_TRIED, len(rows))).astype(np.int64))]
 
 
 def _lacking(bounds: Floats) -> Floats:
@@ -449,18 +530,3 @@ def _range_of(coefficients: Floats) -> Floats:
     """(n,) how far series (n, count, count, count) go from their means."""
     flat = np.abs(coefficients).reshape(len(coefficients), coefficients.shape[-1] ** 3)
     return np.asarray(flat[:, 1:].sum(axis=1))
-
-
-def _together(found: list[SeriesBoxes]) -> SeriesBoxes:
-    """The boxes of several searches."""
-    return SeriesBoxes(
-        np.concatenate([part.element for part in found]),
-        np.concatenate([part.centre for part in found]),
-        np.concatenate([part.half for part in found]),
-        np.concatenate([part.series for part in found]),
-        np.concatenate([part.misfit for part in found]),
-        np.concatenate([part.error for part in found]),
-        np.concatenate([part.places for part in found]),
-        np.concatenate([part.condition for part in found]),
-        np.unique(np.concatenate([part.unmodelled for part in found])),
-    )

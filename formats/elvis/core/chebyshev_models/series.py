@@ -21,6 +21,8 @@ from elvis.core.polynomials.rounding import UNIT
 ROOM, REACH = 1.25, 1.12
 #: orders of derivatives that are bounded: values, first and second derivatives
 ORDERS = 3
+#: terms in each direction of series whose bounds are taken on parts of boxes
+_RESTRICTED = 7
 _INNER = REACH / ROOM
 
 
@@ -94,6 +96,32 @@ def coefficients_of(values: Floats) -> Floats:
     """(..., count, count, count) Chebyshev coefficients of values at the nodes."""
     matrix = to_coefficients(values.shape[-1])
     return along_axes(values, matrix, matrix, matrix)
+
+
+@bounded_cache
+def _to_inner_halves(count: int) -> Floats:
+    """(2 count, count) from the coefficients of a series to those on both halves of the box |s| <= 1."""
+    points = nodes(count)
+    places = [(side + points) / (2.0 * ROOM) for side in (-1, 1)]
+    values = [np.polynomial.chebyshev.chebvander(place, count - 1) for place in places]
+    return frozen_floats(np.concatenate([to_coefficients(count) @ own for own in values]))
+
+
+def bounds_in_eighths(coefficients: Floats) -> tuple[Floats, Floats]:
+    """Means (n, 8), and maximum distances from them (n, 8), of series (n, count, count, count) on eighths of |s| <= 1.
+
+    Only terms of low degree are restricted.  The distances include the others, and the rounding of the restriction,
+    for which the reserve is ample.
+    """
+    boxes, count = len(coefficients), min(coefficients.shape[-1], _RESTRICTED)
+    low = coefficients[:, :count, :count, :count]
+    halves = _to_inner_halves(count)
+    parts = along_axes(low, halves, halves, halves).reshape(boxes, 2, count, 2, count, 2, count)
+    mean = parts[:, :, 0, :, 0, :, 0].reshape(boxes, 8)
+    total = np.abs(parts).sum(axis=(2, 4, 6)).reshape(boxes, 8)
+    all_terms = np.abs(coefficients).sum(axis=(1, 2, 3))
+    reserve = all_terms - np.abs(low).sum(axis=(1, 2, 3)) + 1e-11 * all_terms
+    return mean, total - np.abs(mean) + reserve[:, None]
 
 
 @bounded_cache

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
-from elvis.core.chebyshev_models.level_search import SeriesBoxes
 from elvis.core.dataset import Homogeneous
 from elvis.core.mapping.orientation import even_chunks
 from elvis.core.patch import Patch
@@ -36,7 +35,7 @@ from elvis.plugins.native.slopes import ElementSlopes, has_slopes
 from elvis.plugins.native.solving import Solver
 from elvis.plugins.native.waves import waves
 from elvis.plugins.native.weights import weights
-from elvis.plugins.volume import Enclosure, Part, Quantity, SlopeBounds
+from elvis.plugins.volume import Enclosure, LevelSeries, Part, Quantity, SlopeBounds
 
 #: highest degree of expressions whose isosurfaces are found as isosurfaces of polynomials
 HIGHEST = 8
@@ -184,7 +183,7 @@ class Elements:
         space: BernsteinSpace,
         ends: Callable[[], tuple[Floats, Floats]],
         condition: Node | None,
-    ) -> Callable[[float], SeriesBoxes] | None:
+    ) -> Callable[[float], LevelSeries] | None:
         """Boxes as in Quantity.boxes, for an expression whose fields lie in a space."""
         errors = partial(self._leaf_errors, expression.fields)
         models = LevelModels(self.patches, self.geometry, space, self.names, expression, ends, errors, condition)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.chebyshev_models.expression_models import has_models
-from elvis.core.chebyshev_models.level_search import LevelSearch, SeriesBoxes
+from elvis.core.chebyshev_models.level_search import LevelSearch, SeriesBoxes, some_of
 from elvis.core.chebyshev_models.model_boxes import ModelBoxes, ShapeFacets
 from elvis.core.chebyshev_models.series import (
     ROOM,
@@ -33,6 +35,8 @@ _LEAST_DEGREE = 7
 _FROM_DEGREE = 5
 #: roundings of tables of Bernstein polynomials: two powers, a binomial, products; and of places, for each degree
 _OF_TABLES, _OF_PLACES = 19, 3
+#: bytes of the series of a level that stay from one picture to the next
+_MOST_OF_BOXES = 3 << 30
 #: elements whose leaves are evaluated together
 _AT_ONCE = 256
 
@@ -68,17 +72,18 @@ class LevelModels:
         known = all(leaf.op != "field" or leaf.name in self.expression.fields for leaf in leaves(*roots))
         return is_solid and degree >= _FROM_DEGREE and known and all(map(has_models, roots))
 
-    def boxes(self, level: float) -> SeriesBoxes:
-        """The boxes of elements that may hold a level."""
+    def boxes(self, level: float) -> ElementLevelSeries:
+        """The boxes of elements that may hold a level, of each element once it is needed."""
         low, high = self.ends()
-        rows = np.flatnonzero(~((low > level) | (high < level)))
+        return ElementLevelSeries(self, level, ~((low > level) | (high < level)))
+
+    def search(self, rows: Ints) -> LevelSearch:
+        """The search in some elements."""
         normals, offsets = facets(self.geometry.shape)
         inside = ShapeFacets(np.column_stack([normals, offsets]))
         degree = max(_LEAST_DEGREE, *self.geometry.degrees)
         root, names = self.expression.root, self.expression.fields
-        search = LevelSearch(self._elements(rows), root, names, self.errors()[rows], inside, degree, self.condition)
-        found = search.find(level)
-        return replace(found, element=rows[found.element], unmodelled=rows[found.unmodelled])
+        return LevelSearch(self._elements(rows), root, names, self.errors()[rows], inside, degree, self.condition)
 
     def _elements(self, rows: Ints) -> ElementNets:
         """Bernstein coefficients of some elements."""
@@ -109,6 +114,66 @@ class LevelModels:
             else:
                 fields.append(bernstein_coefficients(expansion, modal, self.fields))
         return [*maps, *fields]
+
+
+class ElementLevelSeries:
+    """Boxes that may hold a level, with series for map and quantity, found when their elements are first needed.
+
+    models  the elements
+    level   the level
+    holding (n,) elements that may hold the level
+    """
+
+    def __init__(self, models: LevelModels, level: float, holding: Bools) -> None:
+        self.models, self.level, self.holding = models, level, holding
+        self._found: OrderedDict[int, SeriesBoxes] = OrderedDict()
+        self._unmodelled: set[int] = set()
+        self.nbytes = 0  # of all series
+
+    @cached_property
+    def _search(self) -> LevelSearch:
+        """A search planned on some of the elements."""
+        rows = np.flatnonzero(self.holding)
+        return self.models.search(some_of(rows)).planned(self.level, len(rows))
+
+    @property
+    def degree(self) -> int:
+        """Degree of the series."""
+        return self._search.degree
+
+    def of(self, elements: Ints) -> SeriesBoxes:
+        """The boxes of some elements, found now or before."""
+        wanted = elements[self.holding[elements]]
+        self._find(np.array([element for element in wanted.tolist() if element not in self._found], np.int64))
+        for element in wanted.tolist():
+            self._found.move_to_end(element)
+        self._drop_old(len(wanted))
+        none = replace(
+            self._search.none(), unmodelled=wanted[[element in self._unmodelled for element in wanted.tolist()]]
+        )
+        return SeriesBoxes.joined([none, *(self._found[element] for element in wanted.tolist())])
+
+    def _find(self, rows: Ints) -> None:
+        """Search elements and keep their boxes."""
+        if not len(rows):
+            return
+        own = self.models.search(rows)
+        boxes = replace(self._search, elements=own.elements, errors=own.errors).find(self.level)
+        boxes = replace(boxes, element=rows[boxes.element], unmodelled=rows[boxes.unmodelled])
+        self._unmodelled.update(boxes.unmodelled.tolist())
+        none = self._search.none()
+        self._found.update(dict.fromkeys(rows.tolist(), none))
+        self._found.update(boxes.by_element())
+        self.nbytes += boxes.series.nbytes
+
+    def _drop_old(self, recent: int) -> None:
+        """Give back the boxes of elements that were not drawn for longest while all take more than they may.
+
+        recent  elements at least that stay
+        """
+        while self.nbytes > _MOST_OF_BOXES and len(self._found) > recent:
+            _, boxes = self._found.popitem(last=False)
+            self.nbytes -= boxes.series.nbytes
 
 
 @dataclass(frozen=True, eq=False)

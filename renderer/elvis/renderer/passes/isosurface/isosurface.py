@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from dataclasses import field as default
 from functools import partial
 from typing import Any
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.chebyshev_models.level_search import SeriesBoxes
+from elvis.core.mapping.boxes import Boxes
 from elvis.core.polynomials.chebyshev_nodes import series
 from elvis.plugins.volume import Enclosure, Part, Quantity
 from elvis.renderer.camera import record_of
@@ -21,10 +23,11 @@ from elvis.renderer.hit_buffer import HitBuffer, arrays_to_write, new_arrays
 from elvis.renderer.leaf_types import enclosure_of
 from elvis.renderer.memory import Buffer
 from elvis.renderer.passes.isosurface.enclosing import AXES, BOXES, powers, tails
+from elvis.renderer.passes.isosurface.occlusion import Occlusion
 from elvis.renderer.passes.isosurface.straight_levels import StraightLevels
 from elvis.renderer.passes.solids.solids import values_at_hits
 from elvis.renderer.pixels import NOBODY
-from elvis.renderer.tiles import bin_sections, places_of
+from elvis.renderer.tiles import Sections, bin_sections, places_of
 from elvis.renderer.traversal import APART, Traversal, visible_sections
 from elvis.scene.conditioning import misplaced
 from elvis.scene.errors import SceneError
@@ -55,6 +58,8 @@ _ENCLOSED_MODELS_OFF = 1e-4
 _HELD = ("owner", "status", "reference", "depth", "normal", "uncertainty", "doubt")
 #: nodes of a line up to which kernels have series in their threads' own memory (`Terms` in iso_series.slang)
 _SHORT = 4
+#: groups in which elements are drawn, nearest first, and elements of a group at least
+_GROUPS, _LEAST_GROUP = 16, 16
 #: drafts of a part: sub-elements in which rays take too many steps are drawn once more in parts, with closer bounds
 _DRAFTS = 5
 
@@ -66,7 +71,9 @@ class Level:
     number    of the part
     quantity  one of the part's quantities; None is its own field
     buffers   what the stages read and write
-    elements  some of the part's elements; None for all
+    elements  some of the part's elements
+    boxes     optional: boxes of these elements with series for the quantity
+    occlusion  optional: by what is already drawn
     """
 
     view: View
@@ -74,7 +81,15 @@ class Level:
     quantity: str | None
     value: float
     buffers: dict[str, Buffer]
-    elements: Ints | None = None
+    elements: Ints = default(default_factory=lambda: np.zeros(0, np.int64))
+    boxes: SeriesBoxes | None = None
+    occlusion: Occlusion | None = None
+
+    def hides(self, sections: Sections, near: Floats) -> Bools:
+        """(n,) whether things with depths of at least ``near`` (n,) are hidden."""
+        if self.occlusion is None:
+            return np.zeros(len(near), bool)
+        return self.occlusion.hides(sections.least[:, :2], sections.most[:, :2], near)
 
 
 class IsosurfaceDrawer:
@@ -119,8 +134,9 @@ class IsosurfaceDrawer:
                 self._draw_straight(self._kernel("iso_line", number, own), asked)
                 continue
             self.counts["flat"] += int(self.traversal.flat(number, own, level).sum())
-            for some in self._ways(asked):
-                self._draw_sub_elements(self._kernel("iso_draw", number, some.quantity), some)
+            for group in self._nearest_first(asked, held):
+                for some in self._ways(group):
+                    self._draw_sub_elements(self._kernel("iso_draw", number, some.quantity), some)
         hits = _finish(HitBuffer.on_device(self.device, held), value)
         hits.status[unproved & (hits.status == Status.MISS)] = Status.AMBIGUOUS
         assert hits.doubt is not None
@@ -134,8 +150,7 @@ class IsosurfaceDrawer:
         if self._is_certified(number, quantity):
             return np.zeros(view.count, bool)
         low, high = self.loaded.bounds(number, quantity)
-        boxes = self.loaded.parts[number].boxes.astype(np.float64)
-        corners = np.stack([boxes[:, [3 * (k >> axis & 1) + axis for axis in range(3)]] for k in range(8)], axis=1)
+        corners = _corners_of(self.loaded.parts[number].boxes)
         sections = visible_sections(view, corners, (low <= value) & (high >= value))
         edges = np.zeros((view.height + 1, view.width + 1), np.int64)
         (x0, y0), (x1, y1) = (sections.least[:, :2] - view.first).T, (sections.most[:, :2] - view.first).T + 1
@@ -167,35 +182,66 @@ class IsosurfaceDrawer:
             }
             draw(len(tiles), {**level.buffers, **own.buffers, **lists}, groups=True, work=tiles["end"] - tiles["first"])
 
+    def _nearest_first(self, level: Level, held: dict[str, Buffer]) -> Iterator[Level]:
+        """A level in groups of elements that may have it, nearest first, without those hidden by earlier groups.
+
+        held  the hit buffer
+        """
+        number, quantity = level.number, level.quantity
+        chosen = self.traversal.holding(number, quantity, level.value)
+        groups = min(_GROUPS, int(chosen.sum()) // _LEAST_GROUP)
+        if groups < 2:
+            yield replace(level, elements=np.flatnonzero(chosen))
+            return
+        if self.traversal.degree(number, quantity) > 0:
+            # elements that are not numbers are counted wherever they are
+            undefined = chosen & ~np.isfinite(np.stack(self.loaded.bounds(number, quantity))).all(axis=0)
+            yield replace(level, elements=np.flatnonzero(undefined))
+            chosen &= ~undefined
+        corners = _corners_of(self.loaded.parts[number].boxes)
+        sections = visible_sections(level.view, corners, chosen)
+        near = level.view.depth_of(corners[sections.element]).min(axis=1)
+        for rows in np.array_split(np.arange(len(sections)), groups):
+            own = replace(level, occlusion=self._occlusion(level.view, held))
+            is_open = ~own.hides(sections[rows], near[rows])
+            yield replace(own, elements=np.sort(sections.element[rows[is_open]]).astype(np.int64))
+
+    def _occlusion(self, view: View, held: dict[str, Buffer]) -> Occlusion:
+        """The occlusion by what is drawn so far."""
+        owner = self.device.read(held["owner"], np.uint32, view.count)
+        depth = self.device.read(held["depth"], np.float64, view.count)
+        return Occlusion.of(view, owner, depth)
+
     def _kernel(self, stage: str, number: int, quantity: str | None) -> Kernel:
         return self.device.kernel(stage, self.loaded.parts[number], quantity)
 
-    def _ways(self, level: Level) -> list[Level]:
+    def _ways(self, level: Level) -> Iterator[Level]:
         """The level of a quantity by series in boxes of elements, and of the elements without series directly."""
+        if not len(level.elements):
+            return
         found = self.loaded.in_boxes(level.number, level.quantity, level.value)
         if found is None:
-            return [level]
-        quantity, boxes = found
+            yield level
+            return
+        quantity, search = found
+        boxes = search.of(level.elements)
         buffers = {**self.loaded.bindings(level.number, quantity), **level.buffers}
-        in_boxes = replace(level, quantity=quantity, buffers=buffers)
-        return [in_boxes, replace(level, elements=boxes.unmodelled)] if len(boxes.unmodelled) else [in_boxes]
+        yield replace(level, quantity=quantity, buffers=buffers, boxes=boxes)
+        if len(boxes.unmodelled):
+            yield replace(level, elements=boxes.unmodelled)
 
     def _whole(self, split: Kernel, level: Level) -> NDArray[Any]:
-        """The elements of a part that may have the value, or boxes of them, as sub-elements."""
-        number, quantity, value = level.number, level.quantity, level.value
-        enclosure = self._enclosure(number, quantity)
-        if enclosure is not None and enclosure.boxes is not None:
-            boxes = enclosure.boxes
+        """Some elements of a part that may have the value, or boxes of them, as sub-elements."""
+        if level.boxes is not None:
+            boxes = level.boxes
             sub_elements = np.zeros(len(boxes), split.dtype("sub_elements"))
             sub_elements["element"], sub_elements["centre"] = boxes.element, boxes.centre
             sub_elements["half"], sub_elements["error"] = boxes.half[:, None], boxes.error
             return sub_elements
-        elements = np.flatnonzero(self.traversal.holding(number, quantity, value))
-        if level.elements is not None:
-            elements = np.intersect1d(elements, level.elements)
+        elements = level.elements
         sub_elements = np.zeros(len(elements), split.dtype("sub_elements"))
         sub_elements["element"], sub_elements["half"] = elements, 1.0
-        sub_elements["error"] = self.traversal.rounding(number, quantity, value)[elements]
+        sub_elements["error"] = self.traversal.rounding(level.number, level.quantity, level.value)[elements]
         return sub_elements
 
     def _sub_elements(self, level: Level, parents: NDArray[Any], whole: bool) -> NDArray[Any]:
@@ -215,9 +261,10 @@ class IsosurfaceDrawer:
             found = [self._keep(level, batch, halved, last) for batch in batches]
             done += [sub_elements[sub_elements["outcome"] != SPLIT] for sub_elements in found]
             parents = _join([parents[:0], *(sub_elements[sub_elements["outcome"] == SPLIT] for sub_elements in found)])
+            parents = _visible(level, parents)
             if not len(parents):
                 break
-        return self._sort_by_depth(_join(done))
+        return self._sort_by_depth(_visible(level, _join(done)))
 
     def _keep(self, level: Level, parents: NDArray[Any], halved: bool, last: bool) -> NDArray[Any]:
         """The remaining sub-elements, subdivided three times or unchanged; the ``last`` are not subdivided further."""
@@ -299,8 +346,8 @@ class IsosurfaceDrawer:
             return
         leaves = 3 + enclosure.fields
         size = leaves * (enclosure.degree + 1) ** 3
-        if enclosure.boxes is not None:
-            yield from self._boxes_at_once(level, enclosure.boxes, elements)
+        if level.boxes is not None:
+            yield from self._boxes_at_once(level, level.boxes, elements)
             return
         kernel = self._kernel("iso_leaves", number, quantity)
         for some in np.array_split(elements, -(-len(elements) * size // _OF_LEAVES)) if len(elements) else []:
@@ -320,11 +367,14 @@ class IsosurfaceDrawer:
     def _boxes_at_once(
         self, level: Level, boxes: SeriesBoxes, sub_elements: NDArray[Any]
     ) -> Iterator[tuple[Level, NDArray[Any]]]:
-        """Boxes that are drawn together, with their series."""
-        numbers_of_boxes = boxes.centre, boxes.half, boxes.misfit, boxes.error, boxes.places, boxes.condition
-        records = np.column_stack(numbers_of_boxes)
+        """Boxes that are drawn together, with their series, nearest first, without those that are hidden."""
+        sections, near = _sections_of(level.view, boxes)
+        open_boxes = sections.element[~level.hides(sections, near)].astype(np.int64)
+        errors = boxes.misfit, boxes.error, boxes.summed, boxes.places
+        records = np.column_stack([boxes.centre, boxes.half, *errors, boxes.condition])
         numbers = boxes.series[:1].size
-        for rows in np.array_split(np.arange(len(boxes)), -(-len(boxes) * numbers // _OF_LEAVES)) if len(boxes) else []:
+        count = -(-len(open_boxes) * numbers // _OF_LEAVES)
+        for rows in np.array_split(open_boxes, count) if count else []:
             some = sub_elements[rows]
             some["slot"] = np.arange(len(rows))
             lists = {
@@ -380,7 +430,7 @@ class IsosurfaceDrawer:
     def _is_in_boxes(self, level: Level) -> bool:
         """Whether boxes of elements have series of a quantity."""
         enclosure = self._enclosure(level.number, level.quantity)
-        return enclosure is not None and enclosure.boxes is not None
+        return enclosure is not None and enclosure.in_boxes
 
     def _enclosure(self, number: int, quantity: str | None) -> Enclosure | None:
         """The composition of a quantity; None if it is a polynomial, or isn't enclosed."""
@@ -471,6 +521,28 @@ class IsosurfaceDrawer:
         place = {"across": 1 / np.linalg.norm(view.column), "first": self.loaded.first[level.number]}
         record = record_of(kernel, "level_view", view, level=level.value, **place, **errors, **other)
         return self.device.buffer(record)
+
+
+def _corners_of(boxes: Boxes | Floats) -> Floats:
+    """(n, 8, 3) the corners of boxes (n, 6)."""
+    exact = boxes.astype(np.float64)
+    return np.stack([exact[:, [3 * (k >> axis & 1) + axis for axis in range(3)]] for k in range(8)], axis=1)
+
+
+def _sections_of(view: View, boxes: SeriesBoxes) -> tuple[Sections, Floats]:
+    """Where boxes may be visible, nearest first, and their smallest depths."""
+    corners = _corners_of(boxes.world)
+    sections = visible_sections(view, corners, np.ones(len(boxes), bool))
+    return sections, view.depth_of(corners[sections.element]).min(axis=1)
+
+
+def _visible(level: Level, sub_elements: NDArray[Any]) -> NDArray[Any]:
+    """Those of some sub-elements that are not hidden by what is already drawn."""
+    if level.occlusion is None:
+        return sub_elements
+    bounds, is_counted = sub_elements["bounds"], sub_elements["outcome"] == UNDEFINED
+    hidden = level.occlusion.hides(bounds[:, :2], bounds[:, 2:], sub_elements["near"])
+    return np.asarray(sub_elements[~hidden | is_counted])
 
 
 def _pairs(parent: NDArray[Any], place: Ints) -> Ints:
