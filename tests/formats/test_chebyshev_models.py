@@ -12,9 +12,10 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.chebyshev_models import level_search
 from elvis.core.chebyshev_models import model as models
 from elvis.core.chebyshev_models.expression_models import BoxLeaves, has_models, model_of
-from elvis.core.chebyshev_models.level_search import LevelSearch, SeriesBoxes
+from elvis.core.chebyshev_models.level_search import LevelSearch
 from elvis.core.chebyshev_models.model_boxes import ModelBoxes, ShapeFacets, half_along
 from elvis.core.chebyshev_models.series import ORDERS, REACH, ROOM, bounds_in_eighths, shells_of, to_half
+from elvis.core.chebyshev_models.series_boxes import SeriesBoxes
 from elvis.core.quantities.names import Names
 from elvis.core.quantities.parsing import Parser
 from elvis.core.quantities.tree import Node, fold

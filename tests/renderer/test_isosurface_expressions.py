@@ -8,7 +8,7 @@ import pytest
 from numpy.polynomial import chebyshev
 
 from elvis import Camera, Status
-from elvis.core.chebyshev_models.level_search import SeriesBoxes
+from elvis.core.chebyshev_models.series_boxes import SeriesBoxes
 from elvis.core.dataset import Dataset
 from elvis.core.sampling import sample
 from elvis.core.shapes import Shape

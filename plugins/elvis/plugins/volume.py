@@ -15,7 +15,7 @@ from elvis.core.mapping.boxes import outward
 from elvis.core.shapes import Shape
 
 if TYPE_CHECKING:
-    from elvis.core.chebyshev_models.level_search import SeriesBoxes
+    from elvis.core.chebyshev_models.series_boxes import SeriesBoxes
     from elvis.plugins.faces import Faces
 
 

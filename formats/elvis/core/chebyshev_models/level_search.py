@@ -10,7 +10,7 @@ Restricting a series to an eighth of its box is exact but for rounding.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -38,6 +38,7 @@ from elvis.core.chebyshev_models.series import (
     sum_rounding,
     transform_rounding,
 )
+from elvis.core.chebyshev_models.series_boxes import SeriesBoxes, world_boxes
 from elvis.core.quantities.tree import Node
 
 #: bisections of elements' boxes and nodes per direction of the models tried first, in order of increasing cost
@@ -70,58 +71,6 @@ _MOST_BYTES = 8 << 30
 _PIXELS = 16.0
 #: boxes whose models are built together: intermediate results stay in the processor's cache
 _AT_ONCE = 16
-
-
-@dataclass(frozen=True, eq=False)
-class SeriesBoxes:
-    """Boxes that may hold a level, with series of one degree for x, y, z and the quantity.
-
-    element    (n,) rows of elements
-    centre     (n, 3), half (n,) in the coordinates of the elements' cubes
-    series     (n, 4, degree + 1 three times) Chebyshev coefficients in x = s / ROOM
-    misfit     (n, ORDERS) bounds, for |s| <= REACH, of the error of the series of the quantity, and of its derivatives
-               in s
-    error      (n,) maximum error of computed values of the quantity
-    summed     (n,) the part of it that is rounding in sums of the series
-    places     (n,) maximum error of computed positions in the world
-    world      (n, 6) low and high corner in the world of boxes that contain them
-    condition  (n, 2) maximum error of computed values of the condition, and maximum sum of the magnitudes of its
-               derivatives in s; -1 and 0 where the whole level counts
-    unmodelled  (m,) rows of elements without a model
-    """
-
-    element: Ints
-    centre: Floats
-    half: Floats
-    series: Floats
-    misfit: Floats
-    error: Floats
-    summed: Floats
-    places: Floats
-    world: Floats
-    condition: Floats
-    unmodelled: Ints
-
-    def __len__(self) -> int:
-        return len(self.element)
-
-    def by_element(self) -> dict[int, SeriesBoxes]:
-        """The boxes of each element."""
-        order = np.argsort(self.element, kind="stable")
-        elements, first = np.unique(self.element[order], return_index=True)
-        rows = np.split(order, first[1:]) if len(elements) else []
-        return {int(element): self._part(own) for element, own in zip(elements, rows, strict=True)}
-
-    def _part(self, rows: Ints) -> SeriesBoxes:
-        """Some of the boxes."""
-        numbers = {own.name: getattr(self, own.name)[rows] for own in fields(self) if own.name != "unmodelled"}
-        return SeriesBoxes(**numbers, unmodelled=np.zeros(0, np.int64))
-
-    @staticmethod
-    def joined(parts: Sequence[SeriesBoxes]) -> SeriesBoxes:
-        """The boxes of several searches."""
-        numbers = {own.name: np.concatenate([getattr(part, own.name) for part in parts]) for own in fields(SeriesBoxes)}
-        return SeriesBoxes(**{**numbers, "unmodelled": np.unique(numbers["unmodelled"])})
 
 
 @dataclass(frozen=True, eq=False)
@@ -425,9 +374,6 @@ class _ModelledBoxes:
         summed = kernel_rounding(size) * np.abs(series).sum(axis=(2, 3, 4))
         places = (boxes.error[:, :3] + left_out + summed[:, :3]).sum(axis=1)
         error = self.error + summed[:, 3]
-        middle = series[:, :3, 0, 0, 0]
-        extent = np.abs(series[:, :3]).sum(axis=(2, 3, 4)) - np.abs(middle) + places[:, None]
-        world = np.concatenate([middle - extent, middle + extent], axis=1)
         whole = np.tile((-1.0, 0.0), (len(boxes), 1))
         condition = whole if self.condition is None else self.condition.in_kernels
         return SeriesBoxes(
@@ -439,7 +385,7 @@ class _ModelledBoxes:
             error,
             summed[:, 3],
             places,
-            world,
+            world_boxes(series[:, :3], places),
             condition,
             np.zeros(0, np.int64),
         )

@@ -11,7 +11,7 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.chebyshev_models.expression_models import has_models
-from elvis.core.chebyshev_models.level_search import LevelSearch, SeriesBoxes, some_of
+from elvis.core.chebyshev_models.level_search import LevelSearch, some_of
 from elvis.core.chebyshev_models.model_boxes import ModelBoxes, ShapeFacets
 from elvis.core.chebyshev_models.series import (
     ROOM,
@@ -21,6 +21,7 @@ from elvis.core.chebyshev_models.series import (
     nodes,
     transform_rounding,
 )
+from elvis.core.chebyshev_models.series_boxes import SeriesBoxes
 from elvis.core.mapping.margins import facets
 from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients, bernstein_values

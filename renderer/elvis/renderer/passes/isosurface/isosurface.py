@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.chebyshev_models.level_search import SeriesBoxes
+from elvis.core.chebyshev_models.series_boxes import SeriesBoxes
 from elvis.core.mapping.boxes import Boxes
 from elvis.core.polynomials.chebyshev_nodes import series
 from elvis.plugins.volume import Enclosure, Part, Quantity
