@@ -56,7 +56,7 @@ from elvis.scene import (
 from elvis.scene.errors import AbsentError, SceneError
 from elvis.scene.fitting import surrounding
 from elvis.scene.frame import Status
-from elvis.scene.surfaces import Surface
+from elvis.scene.surfaces import Middle, Surface
 from elvis.scene.view import PlaneView, View
 
 #: part of coordinates and depths within which two hits are one
@@ -363,6 +363,7 @@ class Stages:
         if isinstance(surface, Implicit):
             hits = self._at_level(view, surface.expression, 0.0, beyond)
             return self.resampled(hits, surface.expression, quantity, view)
+        assert not isinstance(surface, Middle), "the data are known"
         if not isinstance(surface, Plane):
             return self.resampled(self.solids.draw(view, surface, beyond), None, quantity, view)
         sight = PlaneView.on(view, surface)
@@ -448,6 +449,7 @@ class Stages:
                 near = np.abs(distance) <= 2.0 * close
             else:
                 # points on the surface remain, and so do points within rounding of it
+                assert not isinstance(clip.surface, Middle), "the data are known"
                 distance, close = outside(clip.surface, points), np.full(len(hit), room)
                 away = -distance if clip.away == "inside" else distance
                 near = (away > 0.01 * room) & (away <= 2.0 * room) | (np.abs(distance) <= around) & (around > room)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.renderer.passes.solids.hits import Hits, hits, outside, ray_depths
-from elvis.scene import Clip, Implicit, Plane, TriangleMesh, unit
+from elvis.scene import Clip, Plane, TriangleMesh, unit
 from elvis.scene.surfaces import Solid
 from elvis.scene.view import View
 
@@ -22,7 +22,7 @@ class Visibility:
 
     def __init__(self, clips: Sequence[Clip], view: View) -> None:
         every = [(clip.surface, clip.away == "inside") for clip in clips]
-        self.view, self.clips = view, [(own, inside) for own, inside in every if not isinstance(own, Implicit)]
+        self.view, self.clips = view, [(own, inside) for own, inside in every if isinstance(own, Solid)]
         meshes = {own for own, _ in self.clips if isinstance(own, TriangleMesh)}
         self.meshes = {mesh: _by_pixel(hits(mesh, view), view.count) for mesh in meshes}
         self.most = sum(
