@@ -14,7 +14,7 @@ a normal, both of any length; a final :N in seeds is a number of points.
 Surfaces (--cut, --clip, integrate --over, extract):
   plane:P:N                     plane through P; its inside is behind the normal
   z=V                           plane at a coordinate, also x=V and y=V
-  z                             plane through the middle of the data, also x and
+  middle:z or z                 plane through the middle of the data, also x and
                                 y (drawing commands)
   sphere:C:RADIUS               sphere
   cylinder:P:A:RADIUS           infinite cylinder around the axis through P
