@@ -58,12 +58,9 @@ def keep_compiled(kernels):
 
 def keep_memory():
     """Let processes that are started keep what they have freed: pages that are requested again cost a virtual machine
-    more than the arithmetic on them (glibc alone reads these).
-
-    Longer arrays have pages of their own: the gaps that they leave among others would add up to hundreds of megabytes.
-    """
+    more than the arithmetic on them (glibc alone reads these)."""
     os.environ.setdefault("MALLOC_TRIM_THRESHOLD_", str(1 << 28))
-    os.environ.setdefault("MALLOC_MMAP_THRESHOLD_", str(1 << 23))
+    os.environ.setdefault("MALLOC_MMAP_THRESHOLD_", str(1 << 28))
 
 
 def give_back_memory():
@@ -152,9 +149,8 @@ def pytest_collection():
         gc.enable()
 
 
-def pytest_collection_finish(session):
+def pytest_collection_finish():
     """Nor afterwards."""
-    session.stash[WITH_DEVICES] = {item.path for item in session.items if outlives_with_device(item)}
     gc.freeze()
 
 
@@ -286,25 +282,10 @@ def pytest_runtest_teardown(item, nextitem):
     if resident() < (MUCH_RESIDENT if is_last else max(MUCH_RESIDENT, after_giving_back + MOST_GROWTH)):
         return
     give_back_memory()
-    is_free = is_last or item.path not in item.session.stash[WITH_DEVICES]
-    if is_free and OPENED and resident() > MOST_RESIDENT:
+    if is_last and OPENED and resident() > MOST_RESIDENT:
         close_devices()
         give_back_memory()
     after_giving_back = resident()
-
-
-#: modules with fixtures that draw and outlive a test: devices stay open between their tests
-WITH_DEVICES = pytest.StashKey[set]()
-
-
-def outlives_with_device(item):
-    """Whether a test has a fixture of its module that needs a device."""
-    fixtures = item._fixtureinfo.name2fixturedefs
-
-    def needs_device(name):
-        return name == "devices" or any(needs_device(other) for own in fixtures.get(name, ()) for other in own.argnames)
-
-    return any(own[-1].scope in ("class", "module") and needs_device(name) for name, own in fixtures.items())
 
 
 @pytest.fixture(scope="session")
