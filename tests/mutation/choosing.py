@@ -50,10 +50,8 @@ class Imports:
         self._modules = {self._module(path): path for path in files if path.suffix == ".py"}
         self._kernels = {path.stem: path for path in self._files if path.suffix == ".slang"}
 
-    @staticmethod
-    def _module(path: Path) -> str:
-        parts = path.with_suffix("").parts
-        parts = parts[parts.index("elvis") :]
+    def _module(self, path: Path) -> str:
+        parts = path.relative_to(self._root).with_suffix("").parts[1:]
         return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
     @cached_property

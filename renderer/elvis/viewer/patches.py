@@ -76,7 +76,7 @@ def placed(table: Table, facts: Table | None) -> Table:
 
     facts  about the data; None before they are known
     """
-    box = None if facts is None else facts["box"]
+    box = facts.get("box") if facts else None
     scene = scene_of({key: value for key, value in table.items() if key in ("objects", "clip")})
     shown = scene if box is None else with_middles(scene, lambda: np.array(box))
     return table if shown is scene else {**table, **table_of(shown)}
