@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -127,7 +126,7 @@ class ElementLevelSeries:
 
     def __init__(self, models: LevelModels, level: float, holding: Bools) -> None:
         self.models, self.level, self.holding = models, level, holding
-        self._found: OrderedDict[int, SeriesBoxes] = OrderedDict()
+        self._found: dict[int, SeriesBoxes] = {}
         self._unmodelled: set[int] = set()
         self.nbytes = 0  # of all series
 
@@ -146,9 +145,7 @@ class ElementLevelSeries:
         """The boxes of some elements, found now or before."""
         wanted = elements[self.holding[elements]]
         self._find(np.array([element for element in wanted.tolist() if element not in self._found], np.int64))
-        for element in wanted.tolist():
-            self._found.move_to_end(element)
-        self._drop_old(len(wanted))
+        self._drop_some(wanted)
         none = replace(
             self._search.none(), unmodelled=wanted[[element in self._unmodelled for element in wanted.tolist()]]
         )
@@ -167,14 +164,17 @@ class ElementLevelSeries:
         self._found.update(boxes.by_element())
         self.nbytes += boxes.series.nbytes
 
-    def _drop_old(self, recent: int) -> None:
-        """Give back the boxes of elements that were not drawn for longest while all take more than they may.
+    def _drop_some(self, wanted: Ints) -> None:
+        """Drop the boxes of random elements while all take more than they may, but not those of wanted ones.
 
-        recent  elements at least that stay
+        Each picture draws the same elements in turn: the oldest boxes would always be those that are needed next.
         """
-        while self.nbytes > _MOST_OF_BOXES and len(self._found) > recent:
-            _, boxes = self._found.popitem(last=False)
-            self.nbytes -= boxes.series.nbytes
+        others = np.setdiff1d(list(self._found), wanted)
+        np.random.default_rng(1).shuffle(others)
+        for element in others.tolist():
+            if self.nbytes <= _MOST_OF_BOXES:
+                return
+            self.nbytes -= self._found.pop(element).series.nbytes
 
 
 @dataclass(frozen=True, eq=False)
