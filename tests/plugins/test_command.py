@@ -213,9 +213,14 @@ def test_an_interrupt_that_comes_when_the_block_ends_is_no_traceback(monkeypatch
         signal.raise_signal(signal.SIGINT)
         return set_handler(*arguments)
 
-    with Interrupts(is_process=False) as interrupts:
-        monkeypatch.setattr(signal, "signal", interrupted_first)
-    assert interrupts.asked
+    # tests may run in the background of a script, where interrupts are ignored
+    before = set_handler(signal.SIGINT, signal.default_int_handler)
+    try:
+        with Interrupts(is_process=False) as interrupts:
+            monkeypatch.setattr(signal, "signal", interrupted_first)
+        assert interrupts.asked
+    finally:
+        set_handler(signal.SIGINT, before)
 
 
 def test_an_ignored_interrupt_remains_ignored():
