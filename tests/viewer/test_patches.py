@@ -6,6 +6,7 @@ import pytest
 
 from elvis.scene import Deform, Scene
 from elvis.scene.errors import SceneError
+from elvis.scene.tables import scene_of
 from elvis.viewer.patches import FIXED, patched, placed, put_back, scene_of_page, without
 
 TABLE = {"field": "u", "objects": [{"kind": "isosurface", "values": [1.0]}]}
@@ -107,9 +108,9 @@ def test_only_the_scale_of_a_deformation_changes():
 
 def test_planes_through_the_middle_get_a_point_once_the_data_are_known():
     table = {"field": "u", "objects": [{"kind": "cut", "surface": {"kind": "middle", "axis": "y"}}], "samples": 2}
-    assert placed(table, None) is table
-    found = placed(table, {"box": [[0, 0, 0], [2, 4, 6]]})
+    assert placed(table, scene_of(table), None) is table
+    found = placed(table, scene_of(table), {"box": [[0, 0, 0], [2, 4, 6]]})
     plane = {"kind": "plane", "point": [1, 2, 3], "normal": [0, 1, 0]}
     assert found == {**table, "objects": [{"kind": "cut", "surface": plane}]}
-    assert placed(found, {"box": [[0, 0, 0], [9, 9, 9]]}) is found
-    assert placed({"field": "u"}, {"box": None}) == {"field": "u"}
+    assert placed(found, scene_of(found), {"box": [[0, 0, 0], [9, 9, 9]]}) is found
+    assert placed({"field": "u"}, Scene("u"), {"box": None}) == {"field": "u"}

@@ -18,7 +18,7 @@ def unknown_corners() -> Floats:
 
 
 def with_middles(scene: Scene, corners: Callable[[], Floats]) -> Scene:
-    """The scene with planes instead of those that are only said to be in the middle.
+    """The scene in which planes through the middle have a point and a normal.
 
     corners  (2, 3) minimum and maximum coordinates of the data
     """

@@ -71,15 +71,14 @@ def _set(table: Any, steps: list[int | str], value: Any) -> None:
         place[last] = value
 
 
-def placed(table: Table, facts: Table | None) -> Table:
-    """The table with planes instead of those through the middle of the data, which a page could not move.
+def placed(table: Table, scene: Scene, facts: Table | None) -> Table:
+    """The table of a scene with planes instead of those through the middle of the data, which a page could not move.
 
     facts  about the data; None before they are known
     """
     box = facts.get("box") if facts else None
-    scene = scene_of({key: value for key, value in table.items() if key in ("objects", "clip")})
     shown = scene if box is None else with_middles(scene, lambda: np.array(box))
-    return table if shown is scene else {**table, **table_of(shown)}
+    return table if shown is scene else {**table, **table_of(Scene(objects=shown.objects, clip=shown.clip))}
 
 
 def without(table: Table, key: str) -> tuple[Table, Table]:

@@ -226,8 +226,7 @@ class Session:
         self, table: Table, hidden: tuple[Table, ...], is_moving: bool = False, by: Viewer | None = None
     ) -> None:
         """Show another scene; SceneError where it would not be valid."""
-        scene_of_page(table, self.scene)
-        table = placed(table, self.facts)
+        table = placed(table, scene_of_page(table, self.scene), self.facts)
         if self._before is None:
             self._before = self.table, self.hidden
         if not is_moving and self._before != (table, hidden):
@@ -464,7 +463,7 @@ class Session:
         is_untouched = self.revision == 0 and not self._undo and self.table is self._start
         if is_untouched:
             more = {} if self.scene.every_object else first_sight(facts, bool(self.scene.field))
-            self._start = self.table = {**placed(self.table, facts), **more}
+            self._start = self.table = {**placed(self.table, self.scene, facts), **more}
 
     async def _draw(self) -> None:
         """One picture; while something moves, and before there is any, a quick one, and a whole one after it."""

@@ -127,7 +127,7 @@ class LevelSearch:
         return SeriesBoxes.joined(found)
 
     def _boxes_of(self, rows: Ints) -> Iterator[ModelBoxes]:
-        """All boxes of some elements, those of several centres together."""
+        """All boxes of some elements, in groups with several centres."""
         centres = self._centres(self.halvings)
         half = 0.5**self.halvings
         for some in np.array_split(centres, -(-len(centres) * len(rows) // _AT_ONCE)):

@@ -24,7 +24,7 @@ from elvis.core.wall_curves.chains import SAME_PLACE
 
 @cache
 def _lattice(dimension: int) -> Ints:
-    """(3^d, d) nodes of a divided box, in halves of the box; odd coordinates are those of middles."""
+    """(3^d, d) nodes of a divided box, in halves of the box; coordinates of middles are odd."""
     return frozen_ints(np.array(list(product(range(3), repeat=dimension))))
 
 
@@ -42,7 +42,7 @@ class Split(NamedTuple):
 
 
 def _offsets(boxes: Sequence[CellBoxes]) -> Ints:
-    """(groups + 1,) where the elements of each group begin, among those of all groups."""
+    """(groups + 1,) number of the first element of each group in the list of all elements."""
     counts = [max(int(own.leaves.rows.max()), int(own.divided.rows.max(initial=0))) + 1 for own in boxes]
     return np.concatenate([[0], np.cumsum(counts)])
 
@@ -160,7 +160,7 @@ class BoxNodes:
         return found
 
     def add(self, keys: Ints, is_shared: bool) -> None:
-        """Add nodes, with numbers of their own, or with one for those of several elements at one place."""
+        """Add nodes with new numbers; if shared, nodes of several elements at one place get the same number."""
         keys = np.setdiff1d(keys, self.keys)
         places = self.places(keys)
         values = self._rounded(self.cells.values(places, [self.level])[0])

@@ -122,7 +122,7 @@ def _divided(nodes: BoxNodes, quads: Quads, edges: _Middles, faces: _Middles) ->
 
 
 def _middles_of(edges: _Middles, pairs: Ints) -> Ints:
-    """(n, k) numbers of the middles of edges (n, k, 2); those of edges of no length are their ends."""
+    """(n, k) numbers of the middles of edges (n, k, 2); an edge of no length has its end as the middle."""
     found = edges.of(pairs.reshape(-1, 2)).reshape(pairs.shape[:2])
     return np.where(pairs[..., 0] == pairs[..., 1], pairs[..., 0], found)
 

@@ -165,9 +165,9 @@ class ElementLevelSeries:
         self.nbytes += boxes.series.nbytes
 
     def _drop_some(self, wanted: Ints) -> None:
-        """Drop the boxes of random elements while all take more than they may, but not those of wanted ones.
+        """Drop boxes of random elements other than wanted ones until the memory limit is satisfied.
 
-        Each picture draws the same elements in turn: the oldest boxes would always be those that are needed next.
+        Each picture draws the same elements in turn: the oldest boxes are always needed next.
         """
         others = np.setdiff1d(list(self._found), wanted)
         np.random.default_rng(1).shuffle(others)
