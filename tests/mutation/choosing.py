@@ -1,9 +1,10 @@
-"""Which tests run for a line: those that run it, from the test modules that are nearest to its file by imports."""
+"""Which tests run for a line: all that run it, those of the test modules that are nearest by imports first."""
 
 from __future__ import annotations
 
 import ast
 import hashlib
+import inspect
 import json
 import os
 import re
@@ -11,16 +12,16 @@ import signal
 import subprocess
 import sys
 from collections import defaultdict, deque
+from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
+from types import CodeType
 
 AREAS = ("formats", "plugins", "converters", "renderer", "reference")
 #: folders of tests that check the tree, other programs' pages or damaged files
 NOT_FOR_MUTANTS = ("house", "fuzz", "mutation", "benchmarks", "trials", "examples")
-#: test modules whose tests run for a line, and test modules that are searched for such tests, at most
-MODULES, SEARCHED = 4, 25
-
-
+#: parts of the budget that tests of one module may take, unless it is the nearest
+SHARE = 0.25
 #: a process that waits instead of computing ends after so many times its limit of processor seconds
 LONGEST_WAIT = 20.0
 
@@ -98,72 +99,133 @@ class Imports:
         def order(test: Path) -> tuple[int, bool, int, str]:
             return distance[test], test.parent.name != folder, -len(stem & set(test.stem.split("_"))), str(test)
 
+        return sorted(self.tests & distance.keys(), key=order)
+
+    @cached_property
+    def tests(self) -> set[Path]:
+        """Test modules that may kill mutants."""
         tests = self._root / "tests"
-        found = [
-            test
-            for test in distance
-            if test.name.startswith("test_")
-            and tests in test.parents
-            and test.relative_to(tests).parts[0] not in NOT_FOR_MUTANTS
-        ]
-        return sorted(found, key=order)
+        found = {path for path in self._files if path.match("test_*.py") and tests in path.parents}
+        return {test for test in found if test.relative_to(tests).parts[0] not in NOT_FOR_MUTANTS}
+
+    def kernels_including(self, path: Path) -> set[str]:
+        """Names of the modules of kernels that import a module, itself too."""
+        found = {path}
+        waiting = [path]
+        while waiting:
+            users = {user for user in self._users[waiting.pop()] if user.suffix == ".slang"} - found
+            found |= users
+            waiting += users
+        return {kernel.stem for kernel in found}
 
 
 class Touched:
-    """Which lines each test of a test module runs, found once for each version of the tree's test module."""
+    """What each test runs (touching.py), found once for each version of its module."""
 
-    def __init__(self, root: Path, kept: Path, limit: float) -> None:
-        self._root, self._kept, self._limit = root, kept, limit
+    def __init__(self, root: Path, imports: Imports, kept: Path) -> None:
+        self._root, self._imports, self._kept = root, imports, kept
         kept.mkdir(parents=True, exist_ok=True)
 
-    def of(self, test: Path) -> dict[str, tuple[float, dict[str, list[int]]]]:
-        """Processor seconds and lines of each passing test of a module."""
-        name = "-".join(test.relative_to(self._root / "tests").with_suffix("").parts)
-        stamp = hashlib.sha256(test.read_bytes()).hexdigest()[:12]
-        target = self._kept / f"{name}.{stamp}.json"
-        if not target.exists():
-            for old in self._kept.glob(f"{name}.*.json"):
-                old.unlink()
-            self._run(test, target)
-        return json.loads(target.read_text(encoding="utf-8")) if target.exists() else {}
+    def update(self) -> None:
+        """Run the modules that are new or have changed, those of a folder in one process."""
+        modules = {test: self._kept / map_name(self._root, test) for test in self._imports.tests}
+        for old in set(self._kept.glob("*.json")) - set(modules.values()):
+            old.unlink()
+        missing = sorted(test for test, target in modules.items() if not target.exists())
+        for folder in dict.fromkeys(test.parent for test in missing):
+            own = [str(test) for test in missing if test.parent == folder]
+            print(f"{folder.relative_to(self._root)}: finding what {len(own)} modules of tests run", flush=True)
+            self._run(own)
 
-    def _run(self, test: Path, target: Path) -> None:
-        environment = os.environ | {"MUTATION_ROOT": str(self._root), "MUTATION_TOUCHED": str(target)}
+    def _run(self, tests: list[str]) -> None:
+        environment = os.environ | {"MUTATION_ROOT": str(self._root), "MUTATION_TOUCHED": str(self._kept)}
         environment["PYTHONPATH"] = str(Path(__file__).parent)
-        command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "touching", str(test)]
-        if run_within(command, self._limit, cwd=self._root, env=environment) is None:
-            target.write_text("{}", encoding="utf-8")
+        command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "touching", "--tb=no", *tests]
+        subprocess.run(command, cwd=self._root, env=environment, capture_output=True, check=False)
 
-    def running(self, test: Path, name: str, line: int) -> dict[str, float]:
-        """Processor seconds of the tests of a module that run a line; if it runs on import, of those of its file."""
-        known = self.of(test).items()
-        if self._is_in_function(name, line):
-            return {node: seconds for node, (seconds, of) in known if line in of.get(name, ())}
-        return {node: seconds for node, (seconds, of) in known if name in of}
+    @cached_property
+    def _maps(self) -> dict[Path, dict]:
+        targets = {test: self._kept / map_name(self._root, test) for test in self._imports.tests}
+        return {
+            test: json.loads(target.read_text(encoding="utf-8")) for test, target in targets.items() if target.exists()
+        }
 
-    def _is_in_function(self, name: str, line: int) -> bool:
-        tree = ast.parse((self._root / name).read_text(encoding="utf-8"))
-        functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
-        return any(node.body[0].lineno <= line <= (node.end_lineno or line) for node in functions)
+    def running(self, path: Path, lines: range) -> dict[Path, dict[str, float]]:
+        """Processor seconds of the tests that run some of the lines, by module.
 
-
-def tests_for(imports: Imports, touched: Touched, path: Path, lines: range, budget: float) -> list[list[str]]:
-    """Groups of tests (one for each test module) that are to fail, within a budget of processor seconds."""
-    root = touched._root
-    name = str(path.relative_to(root))
-    groups = []
-    for test in imports.tests_near(path)[:SEARCHED]:
-        if len(groups) == MODULES or budget <= 0.0:
-            break
+        If no test runs exactly these (parts of a statement have no line of their own, functions may have changed), of
+        those that run the functions; of a line that runs on import, of those that run any function of the file.
+        """
         if path.suffix == ".slang":
-            seconds = {node: spent for node, (spent, _) in touched.of(test).items()}
-        else:
-            seconds = {node: spent for line in lines for node, spent in touched.running(test, name, line).items()}
-        chosen = []
-        for node in sorted(seconds, key=seconds.__getitem__):
-            if budget - seconds[node] > 0.0 or not (chosen or groups):
-                chosen.append(node)
-                budget -= seconds[node]
-        if chosen:
-            groups.append(chosen)
-    return groups
+            return self._running_kernel(path)
+        name = str(path.relative_to(self._root))
+        wanted = lines_by_function(path, lines)
+        exact = self._with_entries(
+            lambda file, function, own: file == name and not wanted.get(function, set()).isdisjoint(own)
+        )
+        if exact or not wanted:
+            return exact or self._with_entries(lambda file, *_: file == name)
+        return self._with_entries(lambda file, function, _: file == name and function in wanted)
+
+    def _with_entries(self, is_wanted: Callable[[str, str, list[int]], bool]) -> dict[Path, dict[str, float]]:
+        found = {}
+        for test, known in self._maps.items():
+            numbers = {number for number, entry in enumerate(known["entries"]) if is_wanted(*entry)}
+            own = {node: seconds for node, (seconds, of, _) in known["tests"].items() if not numbers.isdisjoint(of)}
+            if own:
+                found[test] = own
+        return found
+
+    def _running_kernel(self, path: Path) -> dict[Path, dict[str, float]]:
+        including = self._imports.kernels_including(path)
+        found = {}
+        for test, known in self._maps.items():
+            own = {node: seconds for node, (seconds, _, of) in known["tests"].items() if not including.isdisjoint(of)}
+            if own:
+                found[test] = own
+        return found
+
+
+def map_name(root: Path, test: Path) -> str:
+    """The name of the file that says what a version of a test module runs."""
+    parts = test.relative_to(root / "tests").with_suffix("").parts
+    return f"{'-'.join(parts)}.{hashlib.sha256(test.read_bytes()).hexdigest()[:12]}.json"
+
+
+def lines_by_function(path: Path, lines: range) -> dict[str, set[int]]:
+    """Lines of a file that are parts of functions, by function, numbered from its start."""
+    found: dict[str, set[int]] = {}
+    waiting = [compile(path.read_text(encoding="utf-8"), str(path), "exec")]
+    while waiting:
+        code = waiting.pop()
+        waiting += [constant for constant in code.co_consts if isinstance(constant, CodeType)]
+        own = {line for *_, line in code.co_lines() if line in lines}
+        if own and code.co_flags & inspect.CO_NEWLOCALS:
+            found[code.co_qualname] = {line - code.co_firstlineno for line in own}
+    return found
+
+
+def chosen_tests(imports: Imports, touched: Touched, path: Path, lines: range, budget: float) -> list[str]:
+    """Tests that run some of the lines, the nearest modules first, within a budget of processor seconds.
+
+    A module that isn't the nearest has a part of the budget; what is left is for the quickest of all other tests.
+    """
+    running = touched.running(path, lines)
+    order = [test for test in imports.tests_near(path) if test in running]
+    order += sorted(running.keys() - set(order))
+    chosen: dict[str, float] = {}
+    left = budget
+    for test in order:
+        own = left if test == order[0] else SHARE * budget
+        for node, seconds in sorted(running[test].items(), key=lambda item: item[1]):
+            if seconds > min(own, left) and chosen:
+                break
+            chosen[node] = seconds
+            own, left = own - seconds, left - seconds
+    others = {node: seconds for own in running.values() for node, seconds in own.items() if node not in chosen}
+    for node in sorted(others, key=others.__getitem__):
+        left -= others[node]
+        if left < 0.0:
+            break
+        chosen[node] = others[node]
+    return list(chosen)

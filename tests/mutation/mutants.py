@@ -5,10 +5,11 @@ python tests/mutation/mutants.py --seed 1 --count 30 --margins      only lines t
 python tests/mutation/mutants.py --lines formats/elvis/core/x.py:12 all mutants of a line; x.py:12-40 of several
 python tests/mutation/mutants.py --under core/x.py --every --tests tests/formats/test_x.py   all mutants, these tests
 
-A mutant is one small change of one line, in a copy of the tree.  A failing test that runs the line kills it.  For each
-mutant, tests of up to ``--seconds`` of processor time run, from several test modules (choosing.py).  equivalent.txt
-lists equivalent mutants with reasons; they are not drawn.  The tool prints the survivors and a table of killed mutants
-by kind and slice.
+A mutant is one small change of one line, in a copy of the tree.  A failing test that runs the line kills it.  The first
+run finds the lines and kernels that each test runs, which takes about as long as all tests, and keeps them in
+out/mutation; later runs do so for test modules that have changed.  For each mutant, tests of up to ``--seconds`` of
+processor time run, those of the nearest modules first (choosing.py).  equivalent.txt lists equivalent mutants with
+reasons; they are not drawn.  The tool prints the survivors and a table of killed mutants by kind and slice.
 """
 
 from __future__ import annotations
@@ -30,8 +31,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from queue import SimpleQueue
 
-import pytest
-from choosing import AREAS, Imports, Touched, run_within, tests_for
+from choosing import AREAS, Imports, Touched, chosen_tests, run_within
 from operators import Mutation, mutations
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -207,39 +207,32 @@ class Runner:
         self._budget = budget
         self._tests = tests
         self._imports = Imports(ROOT)
-        self._touched = Touched(ROOT, ROOT / "out" / "mutation", limit=10.0 * budget)
+        self._touched = Touched(ROOT, self._imports, ROOT / "out" / "mutation")
+        if tests is None:
+            self._touched.update()
 
     def judge(self, mutant: Mutant) -> tuple[Mutant, str]:
         """The mutant, and the test that killed it, or why it lives."""
-        groups = [self._tests] if self._tests else self._near(mutant)
+        tests = self._tests or self._near(mutant)
         root = self._free.get()
         target = root / mutant.name
         target.write_text(mutant.change.apply(mutant.text), encoding="utf-8")
         try:
-            result = self._killer(root, groups)
+            result = self._failure(root, tests) if tests else ""
         finally:
             target.write_text(mutant.text, encoding="utf-8")
             self._free.put(root)
         if not result:
-            result = f"SURVIVED {sum(map(len, groups))} tests" if groups else "NOT RUN by any test near"
+            result = f"SURVIVED {len(tests)} tests" if tests else "NOT RUN by any test"
         print(f"{mutant.name}:{mutant.change.line}: {mutant.change.kind}: {result}", flush=True)
         return mutant, result
 
-    def _near(self, mutant: Mutant) -> list[list[str]]:
-        """Groups of tests that run the lines of a mutant."""
-        return tests_for(self._imports, self._touched, ROOT / mutant.name, mutant.lines, self._budget)
+    def _near(self, mutant: Mutant) -> list[str]:
+        """Tests that run the lines of a mutant."""
+        return chosen_tests(self._imports, self._touched, ROOT / mutant.name, mutant.lines, self._budget)
 
-    def _killer(self, root: Path, groups: list[list[str]]) -> str:
-        """The first test that fails, or an empty text; all run in one process, as starting one takes seconds."""
-        together = [test for group in groups for test in group]
-        result = self._failure(root, together) if together else ""
-        if result is None:
-            # a test of the map is no longer there, which is no failure
-            result = next((found for group in groups if (found := self._failure(root, group))), "")
-        return result
-
-    def _failure(self, root: Path, tests: list[str]) -> str | None:
-        """The first of these tests that fails, or an empty text; None if a test doesn't exist."""
+    def _failure(self, root: Path, tests: list[str]) -> str:
+        """The first of these tests that fails, or an empty text; all run in one process, as starting takes seconds."""
         paths = [str(root / area) for area in AREAS]
         environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths), "PYTHONDONTWRITEBYTECODE": "1"}
         command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "--tb=no", *tests]
@@ -247,8 +240,6 @@ class Runner:
         run = run_within(command, limit, cwd=root, env=environment)
         if run is None:
             return f"more than {limit:.0f} s: {tests[0]} …"
-        if run.returncode == pytest.ExitCode.USAGE_ERROR and "not found: " in run.stdout + run.stderr:
-            return None
         failed = re.search(r"^(?:FAILED|ERROR) (\S+)", run.stdout, re.M)
         return "" if run.returncode == 0 else failed[1] if failed else f"exit status {run.returncode} of {tests[0]}"
 
