@@ -137,6 +137,26 @@ def test_many_elements_in_runs(tmp_path):
     assert np.array_equal(source.blocks[0].key.fields["u"].values[-1, :, 0], elements[-1][2])
 
 
+@pytest.mark.parametrize(
+    ("place", "byte", "opens"),
+    [
+        *[(0, byte, byte in (9, 10, 13) or 32 <= byte < 127) for byte in (8, 9, 10, 11, 13, 31, 32, 126, 127)],
+        *[(len(TITLE) + 3, 2, False), (len(TITLE) + 8, 255, False), (len(TITLE) - 1, 127, False)],
+        *[(len(TITLE) + 11, number, number <= 3) for number in (0, 1, 3, 4)],
+    ],
+)
+def test_files_open_by_their_text_byte_order_and_first_type(tmp_path, place, byte, opens):
+    path = tmp_path / "volume.dat"
+    data = bytearray(volume(row(KINDS[:1])))
+    data[place] = byte
+    path.write_bytes(data)
+    assert ElVisDat.opens([path]) is opens
+    assert not ElVisDat.opens([path, path])
+    for length in (35, 36):
+        path.write_bytes(data[:length])
+        assert ElVisDat.opens([path]) is (opens and length == 36)
+
+
 BAD = [
     (lambda raw: raw[:-1], "expected 3 elements, found 2 complete elements"),
     (lambda raw: raw[:300], "expected 3 elements, found 0 complete elements"),

@@ -1,8 +1,11 @@
 """Recovered fields are exact for polynomials of one degree more, continuous, and superconvergent in derivatives."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from elvis.core.arrays import frozen_floats
 from elvis.core.dataset import Dataset, Field
 from elvis.core.errors import ElvisError
 from elvis.core.norms import quantity_norms
@@ -13,6 +16,8 @@ from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.jumps import jumps
 from elvis.core.resolution.modal_bases import exact_rule
 from elvis.core.resolution.recovered_remarks import remarks_on_recovered
+from elvis.core.resolution.recovery import is_continuous
+from elvis.core.resolution.stored_precision import DOUBLE, SINGLE
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, interpolated, mixed_plane, mixed_volume, one_element, ripple
 
@@ -162,3 +167,18 @@ def test_bad_fields_are_rejected():
     surface = Dataset(one_element(Shape.TRIANGLE))
     with pytest.raises(ElvisError, match="expected elements of the dimension of the space"):
         Dataset(surface.mesh, (approximated(surface, "u", lambda p: p[:, 0], 3),)).field("recovered(u)")
+
+
+@pytest.mark.parametrize(("part", "continuous"), [(0.8, True), (1.2, False)])
+@pytest.mark.parametrize(("value", "rounding", "kind"), [(1 / 3, DOUBLE, np.float64), (0.25, SINGLE, np.float32)])
+def test_fields_are_continuous_if_their_jumps_are_rounding(part, continuous, value, rounding, kind):
+    """Ten roundings of the largest coefficient, in the precision in which the field is stored."""
+    mesh = grid(Shape.QUADRILATERAL, 2)
+    (block,) = approximated(Dataset(mesh), "u", lambda p: np.full(len(p), value), 2).blocks
+    coefficients = np.array(block.coefficients)
+    coefficients[0, np.abs(coefficients[0]) > 0.5 * value] += part * 10 * rounding * value
+    stored = frozen_floats(coefficients.astype(kind).astype(float))
+    dataset = Dataset(mesh, (Field("u", (replace(block, coefficients=stored),)),))
+    assert is_continuous(dataset, "u") is continuous
+    known = replace(dataset, fields=(replace(dataset.fields[0], continuous=not continuous),))
+    assert is_continuous(known, "u") is not continuous

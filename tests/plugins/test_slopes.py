@@ -7,6 +7,7 @@ import pytest
 
 from elvis.core.dataset import Dataset
 from elvis.core.polynomials.collapse import uncollapse
+from elvis.core.polynomials.rounding import UNIT
 from elvis.core.quantities import Expression
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.shapes import Shape
@@ -55,6 +56,46 @@ def test_no_difference_exceeds_the_bounds(shape):
         assert np.isfinite(found.curvature).mean() > 0.4, expression.text
         assert np.median(found.gradient) < 100 * first.max(), expression.text
         assert np.median(found.noise) < 1e-8 * np.ptp(at(np.zeros(len(axes)))), expression.text
+
+
+#: largest coordinate in the unit cube extended by a quarter to all sides
+FAR = 1.125
+
+
+@pytest.mark.parametrize(
+    ("text", "gradient", "curvature"),
+    [
+        ("x + 2*y", 1.5, 0.0),
+        ("x*y", FAR, 0.5),
+        ("x*y*z", 1.5 * FAR**2, 1.5 * FAR),
+        ("u", FAR, 0.5),
+        ("u*z", 1.5 * FAR**2, 1.5 * FAR),
+        ("d(u,x)", 0.5, 0.0),
+        ("d(u,x)*z", FAR, 0.5),
+        ("x^3", 1.5 * FAR**2, 1.5 * FAR),
+        ("min(x, y)", 1.0, np.inf),
+        ("min(x, y + 2)", 0.5, 0.0),
+        ("abs(x + 1)", 0.5, 0.0),
+        ("abs(x - 2)", 0.5, 0.0),
+        ("abs(x)", 0.5, np.inf),
+    ],
+)
+def test_bounds_of_multilinear_expressions_are_the_suprema(text, gradient, curvature):
+    """In the unit cube, with reference coordinates from -1 to 1 and u = x y: sums of derivatives, each at its worst."""
+    mesh = Dataset(grid(Shape.HEXAHEDRON, 1))
+    dataset = replace(mesh, fields=(approximated(mesh, "u", lambda p: p[:, 0] * p[:, 1], 2),))
+    (part,) = NativeVolume.of(dataset, ["u", "abs(u)"]).parts
+    bounds = replace(part.quantities["abs(u)"].slopes.of.__self__, expression=Expression.of(dataset, text))
+    found = bounds.of(np.zeros(1, int), 1.25)
+    assert found.gradient == pytest.approx([gradient], rel=1e-9)
+    assert found.curvature == pytest.approx([curvature], rel=1e-9, abs=1e-9)
+
+    # the errors of the coordinates, as far as values carry them, and of eight roundings of each operation
+    if text in ("x*y", "x^3"):
+        error = 4 * bounds.errors()[0, :2].sum()
+        carried = FAR * error if text == "x*y" else 3 * FAR**2 * error / 2
+        rounding = 8 * UNIT * (FAR**2 if text == "x*y" else 4 * FAR**3)
+        assert found.noise == pytest.approx([1.01 * carried + rounding], rel=1e-6)
 
 
 def test_no_difference_on_pyramids_exceeds_the_bounds_of_its_box():

@@ -11,6 +11,7 @@ from elvis.core.shapes import Shape
 from elvis.core.summary import summary
 from elvis.core.testing import curved, grid, one_element, with_field
 from elvis.plugins.command import elvis as group
+from elvis.renderer.commands.info_tables import _size, shortened
 
 
 @pytest.fixture
@@ -271,3 +272,28 @@ def test_resolution_of_a_series_is_reported_for_each_step(elvis, elvis_json, tmp
     rows = elvis("info", *files, "--resolution").splitlines()[1:3]
     assert [row.split()[:2] for row in rows] == [["0", "u"], ["1", "u"]]
     assert "worst element" in elvis("info", *files, "--resolution", "--step", "0")
+
+
+@pytest.mark.parametrize(("count", "many", "shown"), [(4, None, 4), (4, 4, 4), (5, 4, 4), (9, 4, 4), (0, 4, 0)])
+def test_long_tables_end_with_the_number_of_missing_rows(count, many, shown):
+    rows = [(k, f"row {k}", "x", "y") for k in range(count)]
+    found = shortened(rows, many)
+    assert len(found) == shown
+    if count > shown:
+        assert found[:-1] == rows[: shown - 1]
+        assert found[-1] == ("...", f"{count - shown + 1} more, shown by --all", "", "")
+    else:
+        assert found == rows
+
+
+def test_sizes_have_three_digits_and_a_unit():
+    sizes = {
+        0: "0 bytes",
+        999: "999 bytes",
+        1000: "1 kB",
+        12345: "12.3 kB",
+        10**6: "1 MB",
+        10**12: "1 TB",
+        2 * 10**15: "2e+03 TB",
+    }
+    assert {size: _size(size) for size in sizes} == sizes

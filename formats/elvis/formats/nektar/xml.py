@@ -43,6 +43,7 @@ _AFTER_NAME = (b" ", b"\t", b"\r", b"\n", b"/", b">")
 _NEAR = 32
 _BEGINNING = re.compile(rb"(\xef\xbb\xbf)?[\x01-\x20]*<")
 _SPECIAL = re.compile(rb"<!--|<!\[CDATA\[")
+_BLANKS = re.compile(rb"\s*")
 _REFERENCE = re.compile(r"&(lt|gt|amp|quot|apos|#[0-9]{1,7}|#x[0-9a-fA-F]{1,6});")
 _NAMED = {"lt": "<", "gt": ">", "amp": "&", "quot": '"', "apos": "'"}
 
@@ -83,7 +84,7 @@ class Element:
     @property
     def is_empty(self) -> bool:
         """Whether there is nothing but blanks between the tags."""
-        return not self.data[self.start : min(self.stop, self.start + 4096)].strip() and self.stop - self.start < 4096
+        return _BLANKS.fullmatch(self.data, self.start, self.stop) is not None
 
     @property
     def place(self) -> str:
