@@ -314,3 +314,17 @@ def test_middle_eigenvalues_are_rounded_by_the_size_of_the_matrix(monkeypatch):
     middle, radius = discs.middle_eigenvalue(lambda *entries: np.median(entries[:3], axis=0))(*entries)
     assert middle[0] == 1.0
     assert 1e-4 * 7.0 <= radius[0] <= 2e-4 * 7.0
+
+
+@pytest.mark.parametrize(("part", "is_proved"), [(0.99, True), (1.01, False)])
+def test_roots_are_proved_as_far_as_newtons_map_is_a_contraction(part, is_proved, monkeypatch):
+    """Of t^3 + a t + b at 2, with the radius r of b and the slope s: 12 w + 3 w^2 < s for w = 2 r / s."""
+    monkeypatch.setattr(discs, "_ROUNDING", 0.0)
+    for slope in (0.1, 1.0, 5.0):
+        width = np.sqrt(4 + slope / 3) - 2
+        error = part * slope * width / 2
+        a, b = np.array([slope - 12.0]), np.array([16.0 - 2 * slope])
+        radius = discs._real_root((a, np.zeros(1)), (b, np.array([error])), np.array([2.0]))[1]
+        assert np.isfinite(radius[0]) == is_proved
+        if is_proved:
+            assert radius[0] == pytest.approx(part * width, rel=1e-9)

@@ -18,8 +18,6 @@ Disc = tuple[Any, Any]
 
 #: rounding of a middle and of a radius in one operation, relative to both: library functions are accurate to 4 units
 _ROUNDING = 16 * float(np.finfo(np.float64).eps)
-#: the disc in which a root of a cubic is sought, in multiples of a Newton step
-_NEWTON = 2.0
 
 
 def number(value: float) -> Disc:
@@ -272,10 +270,10 @@ def _real_root(a: Disc, b: Disc, near: Any) -> Disc:
     rounding = _ROUNDING * (np.abs(near) ** 3 + np.abs(a[0] * near) + np.abs(b[0]))
     slope = 3 * near * near + a[0]
     steep = np.abs(slope) * (1 - _ROUNDING) - a[1]
-    width = _NEWTON * (residual + rounding) / steep
-    inside = residual + rounding + 3 * np.abs(near) * width**2 + width**3 <= steep * width
+    width = 2 * (residual + rounding) / steep
+    # where it is a contraction, 3 r W^2 + W^3 is less than half of steep W, and p(r) the other half
     contracts = 6 * np.abs(near) * width + 3 * width**2 < steep
-    return rounded(near, width, (steep > 0) & inside & contracts)
+    return rounded(near, width, (steep > 0) & contracts)
 
 
 def middle_eigenvalue(value: Callable[..., Any]) -> Callable[..., Disc]:
