@@ -11,7 +11,7 @@ from elvis.core.quantities.expression_nets import places_of
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple
 from elvis.core.triangles.interpolation_errors import interpolation_errors
-from elvis.core.triangles.level_cells import _CellNets, _in_cell
+from elvis.core.triangles.level_cells import _CellNets, _in_cell, grown
 
 
 def errors(text, shape, degree):
@@ -63,3 +63,17 @@ def test_the_bound_is_near_the_error_of_a_line():
 @pytest.mark.parametrize("text", ["abs(x - 0.5)", "1/(x - 0.5)", "d(d(u,x),y)", "sqrt(x - 0.2)"])
 def test_kinks_poles_and_quotients_have_no_bound(text):
     assert np.isinf(errors(text, Shape.HEXAHEDRON, 8)[0]).all()
+
+
+def test_solutions_of_nearly_solved_systems_are_grown_by_neumanns_series():
+    """|x| of x = v + R x where rows of |R| sum to c: |v| + c / (1 - c) max |v| at most, for equal entries exactly."""
+    rng = np.random.default_rng(2)
+    part = rng.uniform(0.1, 0.9, 50)
+    matrices = rng.uniform(-1, 1, (50, 3, 3))
+    matrices *= (part / np.abs(matrices).sum(axis=2).max(axis=1))[:, None, None]
+    vectors = rng.uniform(-1, 1, (50, 3))
+    found = np.linalg.solve(np.eye(3) - matrices, vectors[..., None])[..., 0]
+    assert (np.abs(found) <= grown(np.abs(vectors), part / (1 - part))).all()
+    equal = np.ones((50, 3))
+    found = np.linalg.solve((1 - part)[:, None, None] * np.eye(3), equal[..., None])[..., 0]
+    assert grown(equal, part / (1 - part)) == pytest.approx(found)

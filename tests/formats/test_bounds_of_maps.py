@@ -527,3 +527,21 @@ def test_velocity_and_its_gradient_have_the_degrees_of_cores(shape, is_affine, v
         along = np.moveaxis(values.reshape(3, len(PLACES), -1), 1, -1)
         assert beyond(along, degree) < 1e-13
         assert shape is Shape.PYRAMID or beyond(along, lowest - 1) > 1e-9
+
+
+@pytest.mark.parametrize("beyond", [0.0, 1e-9])
+def test_roots_at_corners_belong_to_all_cells_that_have_them(beyond):
+    """Without any error: cells up to their ends, none beyond these."""
+    corners = np.array([(a, b) for a in (0.0, 1.0) for b in (0.0, 1.0)])
+    net = np.zeros((3, 2, 2, 4))
+    net[0, :, 1], net[1, 1] = 1.0, 1.0
+    roots = corners + beyond * (2 * corners - 1) * [1, 0]
+    net[:2] -= roots.T[:, None, None]
+    lower, upper, is_linear = _root_bounds(_Cells(np.arange(4), np.zeros((4, 2)), np.ones((4, 2)), net), np.zeros(4))
+    assert is_linear.all()
+    if beyond:
+        assert (upper < lower).any(axis=1).all()
+    else:
+        assert (np.abs(lower - corners) < 1e-6).all()
+        assert (np.abs(upper - corners) < 1e-6).all()
+        assert (lower < upper).all()

@@ -39,6 +39,26 @@ def exponentials(rng, size):
     return model, bounds, own
 
 
+def test_models_have_the_derivatives_of_half_the_squared_distance():
+    """At middles of parts in skewed coordinates, by differences of second order."""
+    rng, step = np.random.default_rng(9), 1e-4
+    rows = np.arange(COUNT)
+    patches = SurfacePatches(4, rng.uniform(-1, 1, (COUNT, 3, 3, 3)), rows, rows)
+    parts = Parts(4, rows, rng.uniform(-0.5, 0.5, (COUNT, 2)), rng.uniform(-1, 1, (COUNT, 2, 2)))
+    goal = rng.uniform(-1, 1, (COUNT, 3))
+
+    def half(s, t):
+        points = parts.middle + s * step * parts.frame[:, :, 0] + t * step * parts.frame[:, :, 1]
+        return 0.5 * ((patches.at(points, rows) - goal) ** 2).sum(axis=1)
+
+    model = Model.of(patches, parts, goal)
+    slopes = [half(1, 0) - half(-1, 0), half(0, 1) - half(0, -1)]
+    assert model.gradient == pytest.approx(np.transpose(slopes) / (2 * step), rel=1e-5, abs=1e-6)
+    twice = [half(1, 0) - 2 * half(0, 0) + half(-1, 0), half(0, 1) - 2 * half(0, 0) + half(0, -1)]
+    mixed = (half(1, 1) - half(1, -1) - half(-1, 1) + half(-1, -1)) / 4
+    assert model.bend == pytest.approx(np.transpose([twice[0], mixed, twice[1]]) / step**2, rel=1e-4, abs=1e-5)
+
+
 def changes_of_second_derivatives(rng):
     """Of half the squared distance e^(2 a s + 2 b t) / 2 from the middle of a part to a corner."""
     model, bounds, rates = exponentials(rng, 0.02)

@@ -283,3 +283,16 @@ def test_an_empty_list_of_boxes_has_no_halves(axis: int) -> None:
     """A search halves boxes of which none may hold the level."""
     assert half_along(np.zeros((0, 3, 4, 4, 4)), axis, 1).shape == (0, 3, 4, 4, 4)
     assert shells_of(np.zeros((0, 4, 4, 4))).shape == (0, 4)
+
+
+@pytest.mark.parametrize(("remainder", "share", "is_within"), [(0.9, 1.0, True), (1.1, 1.0, False), (0.6, 0.5, False)])
+def test_models_are_good_within_their_part_of_the_range(remainder: float, share: float, is_within: bool) -> None:
+    """A constant without any error has no range, and is."""
+    coefficients = np.zeros((2, 3, 3, 3))
+    coefficients[0, 1, 0, 0] = 1.0
+    lacking = np.zeros((ORDERS, 2))
+    boxes = level_search._ModelledBoxes(None, coefficients, lacking, np.zeros(2), None)
+    assert boxes.is_good.all()
+    limit = level_search._MODEL_PART * boxes.range[0]
+    lacking[:, 0] = remainder * limit / level_search._lacking(np.ones((ORDERS, 1)))
+    assert boxes.is_within(share).tolist() == [is_within, True]

@@ -74,9 +74,9 @@ def test_each_term_covers_the_effect_of_a_perturbation(name):
 def test_errors_of_fields_and_of_places_add(sign):
     """Whatever the signs: of sums, differences and of the end at which a square is off more."""
     data = recorded(with_field(grid(Shape.HEXAHEDRON, 1), flow, 3), place=(3 * SIZE, 0.0), field=(SIZE, 0.0))
-    assert sample(data, f"u {sign} x", PLACE).errors[0, 0] == pytest.approx(4 * SIZE, rel=1e-9)
+    assert sample(data, f"u {sign} x", PLACE).errors[0, 0] == pytest.approx(4 * SIZE, rel=1e-9, abs=0)
     u = flow(PLACE)[0]
-    assert sample(data, f"{sign}1*u^2", PLACE).errors[0, 0] == pytest.approx(2 * u * SIZE + SIZE**2, rel=1e-9)
+    assert sample(data, f"{sign}1*u^2", PLACE).errors[0, 0] == pytest.approx(2 * u * SIZE + SIZE**2, rel=1e-9, abs=0)
 
 
 def test_measures_are_off_by_the_slope_of_the_map():

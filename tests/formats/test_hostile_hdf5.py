@@ -218,3 +218,17 @@ def test_kinds_of_strings_that_would_crash_the_library(hdf5_field, refused):
     place = field.read_bytes().index(b"SHAPE\0\0\0\x19\x01") + 9
     patched(field, place, b"\x7f")
     refused(mesh, field, match="expected numbers or strings in SHAPE, found object")
+
+
+@pytest.mark.parametrize(("more", "fits"), [(0, True), (8, False)])
+def test_heaps_end_with_the_file_at_the_latest(more, fits, tmp_path):
+    """Also if they begin so late that their length is less than the file's."""
+    start, length = 512, 4096
+    heap = b"GCOL\x01\x00\x00\x00" + (length + more).to_bytes(8, "little")
+    whole = bytes([1, 0, 0, 0, 0, 0, 0, 0]) + (length - 32).to_bytes(8, "little") + bytes(length - 32)
+    (tmp_path / "a.h5").write_bytes(bytes(start) + heap + whole)
+    if fits:
+        check_heaps(tmp_path / "a.h5")
+    else:
+        with pytest.raises(FormatError, match="expected a heap of 4096 to 4096 bytes, found 4104"):
+            check_heaps(tmp_path / "a.h5")

@@ -6,6 +6,8 @@ import pytest
 from elvis.core.arrays import frozen_floats
 from elvis.core.cores import vortex_cores
 from elvis.core.cores.core_boxes import Boxes, at_nodes
+from elvis.core.cores.core_curves import core_curves
+from elvis.core.cores.core_finding import CoreLimits
 from elvis.core.cores.core_turning import turns_less
 from elvis.core.dataset import Block, Dataset, Field
 from elvis.core.errors import ElvisError
@@ -106,6 +108,17 @@ def test_a_ring_is_closed(criterion):
     assert np.abs(offset[:, 2]).max() < 1e-11
     assert found.lengths[line] == pytest.approx(2 * np.pi * radius, rel=0.01)
     assert found[line][0] == pytest.approx(found[line][-1], abs=1e-9)
+
+    # as curves, whose lengths go on from element to element
+    limits = CoreLimits(criterion, spacing=0.05)
+    pieces = core_curves(data(grid(Shape.HEXAHEDRON, 2), components(ring)), None, limits).pieces
+    starts, ends = pieces.length[:, 0], pieces.length[:, -1]
+    assert starts[0] == 0
+    assert starts[1:] == pytest.approx(ends[:-1])
+    assert ends[-1] == pytest.approx(found.lengths[line], rel=1e-9)
+    chords = 2 * pieces.points[:, 1::2].sum(axis=1)
+    assert ends - starts == pytest.approx(np.linalg.norm(chords, axis=1), rel=1e-9)
+    assert len(np.unique(pieces.element)) > 3
 
 
 @pytest.mark.thorough

@@ -233,13 +233,13 @@ def test_rays_find_the_nearest_place_on_strips_and_know_its_error(functions, ray
     assert len(some) > 100
     for k in some:
         hit, doubt = strips.hits[k].hit, strips.hits[k].doubt
-        assert found["doubt"][k] * rays.scale[k] == pytest.approx(doubt, rel=1e-8)
+        assert found["doubt"][k] * rays.scale[k] == pytest.approx(doubt, rel=1e-8, abs=0)
         if not hit:
             assert (found["depth"][k], found["owner"][k]) == (np.inf, NOBODY)
             assert found["status"][k] == (AMBIGUOUS if doubt < np.inf else 0)
             continue
-        assert found["depth"][k] * rays.scale[k] == pytest.approx(hit.place, rel=1e-9)
-        assert found["uncertainty"][k] * rays.scale[k] == pytest.approx(hit.off, rel=1e-5)
+        assert found["depth"][k] * rays.scale[k] == pytest.approx(hit.place, rel=1e-9, abs=0)
+        assert found["uncertainty"][k] * rays.scale[k] == pytest.approx(hit.off, rel=1e-5, abs=0)
         is_certain = hit.off <= strips.most[k] * hit.place and doubt > hit.place
         assert found["status"][k] == (CERTAIN if is_certain else AMBIGUOUS)
         assert found["owner"][k] == 500 + 2 * k
@@ -413,14 +413,14 @@ def test_rays_find_where_tubes_begin_or_end_and_know_its_error(functions, rays):
     (found,) = parted(kernel(rows, width_of([FOUND]), **given), [FOUND])
     for k, expected in enumerate(tubes.hits):
         hit, doubt = expected.hit, expected.doubt
-        assert found["doubt"][k] * rays.scale[k] == pytest.approx(doubt, rel=1e-8)
+        assert found["doubt"][k] * rays.scale[k] == pytest.approx(doubt, rel=1e-8, abs=0)
         if not hit:
             assert (found["depth"][k], found["owner"][k]) == (np.inf, NOBODY)
             assert found["status"][k] == (AMBIGUOUS if doubt < np.inf else 0)
             continue
         close = 1e-5 if tubes.kind[k] == 1 else 1e-9
         assert found["depth"][k] * rays.scale[k] == pytest.approx(hit.place, rel=close)
-        assert found["uncertainty"][k] * rays.scale[k] == pytest.approx(hit.off, rel=1e-4)
+        assert found["uncertainty"][k] * rays.scale[k] == pytest.approx(hit.off, rel=1e-4, abs=0)
         is_certain = hit.off <= tubes.most[k] * hit.place and doubt > hit.place
         assert found["status"][k] == (CERTAIN if is_certain else AMBIGUOUS)
         assert found["owner"][k] == 500 + hit.row

@@ -174,15 +174,15 @@ def test_guesses_go_through_solved_nodes(aim, elements):
         assert (guesses["element"][k], guesses["n"][k], guesses["first"][k]) == (k, n, k * nodes**2)
         assert guesses["middle"][k] == pytest.approx(middle)
         assert guesses["spacing"][k] == pytest.approx(spacing)
-        assert guesses["near"][k] == pytest.approx(limit, rel=1e-3)
+        assert guesses["near"][k] == pytest.approx(limit, rel=1e-3, abs=0)
         assert guesses["straight"][k] == (own is None)
         straight.append(own is None)
         near.append(limit)
         if own is None:
             centre, slopes = elements.at([k], CENTRE[None])
             inverse = np.linalg.inv(slopes[0, :3])
-            assert values[k, 0] == pytest.approx(CENTRE - inverse @ centre[0, :3], rel=1e-10)
-            assert values[k, 1:4] == pytest.approx(inverse.T, rel=1e-10)
+            assert values[k, 0] == pytest.approx(CENTRE - inverse @ centre[0, :3], rel=1e-10, abs=0)
+            assert values[k, 1:4] == pytest.approx(inverse.T, rel=1e-10, abs=0)
         else:
             assert values[k, : n * n] == pytest.approx(own, abs=1e-9)
     assert 0 < sum(straight) < COUNT / 2

@@ -96,16 +96,18 @@ def test_half_spaces_are_reached_after_the_stated_length(searches, found):
     own, rate = np.linalg.norm(searches.gap, axis=1), (searches.gap * searches.direction).sum(axis=1)
     assert found["limit"] == pytest.approx(np.where(searches.ahead, searches.step, searches.distance + searches.equal))
     clear = clearances(own, rate, searches, searches.bend)
-    assert found["clear"] == pytest.approx(clear, rel=1e-12)
+    assert found["clear"] == pytest.approx(clear, rel=1e-12, abs=0)
     moving = (searches.ahead > 0) & (clear > 0) & (clear < 1e300)
     assert moving.sum() > 10
     end = own - clear * rate / own
-    assert end[moving] == pytest.approx((searches.level + searches.bend)[moving], rel=1e-9)
+    assert end[moving] == pytest.approx((searches.level + searches.bend)[moving], rel=1e-9, abs=0)
 
     # far ahead the bend is not looked at any more
     far = (searches.ahead > 0) & (searches.bend <= 0.25 * (own - searches.level))
     assert np.array_equal(found["leaves"], far)
-    assert found["left"] == pytest.approx(np.where(far, np.minimum(searches.step, clear), searches.step), rel=1e-12)
+    assert found["left"] == pytest.approx(
+        np.where(far, np.minimum(searches.step, clear), searches.step), rel=1e-12, abs=0
+    )
 
 
 def test_parts_with_convex_distances_are_reached_after_the_stated_length(searches, found):
@@ -119,7 +121,7 @@ def test_parts_with_convex_distances_are_reached_after_the_stated_length(searche
         expected[k] = min(ahead, default=1e300)
     near = own <= searches.level + 0.1 * searches.equal
     assert near.any()
-    assert found["curved"] == pytest.approx(np.where(near, 0, expected), rel=1e-9)
+    assert found["curved"] == pytest.approx(np.where(near, 0, expected), rel=1e-9, abs=0)
 
 
 def test_boxes_are_as_far_as_their_nearest_points(searches, found):
@@ -130,9 +132,11 @@ def test_boxes_are_as_far_as_their_nearest_points(searches, found):
     room = 0.5 * (own - searches.level)
     small = (searches.ahead > 0) & (room > 0) & (np.linalg.norm(high - low, axis=1) <= np.maximum(room, 0))
     assert 0 < small.sum() < COUNT
-    assert found["box"] == pytest.approx(np.where(small, 1e300, clear), rel=1e-12)
-    assert found["distance"][~small] == pytest.approx(own[~small], rel=1e-12)
-    assert found["boxed"] == pytest.approx(np.where(small, np.minimum(searches.step, clear), searches.step), rel=1e-12)
+    assert found["box"] == pytest.approx(np.where(small, 1e300, clear), rel=1e-12, abs=0)
+    assert found["distance"][~small] == pytest.approx(own[~small], rel=1e-12, abs=0)
+    assert found["boxed"] == pytest.approx(
+        np.where(small, np.minimum(searches.step, clear), searches.step), rel=1e-12, abs=0
+    )
     touches = (searches.level == 0) & (searches.signs == 2) & (searches.distance <= 64 * searches.equal)
     assert np.array_equal(found["touches"], touches)
 
@@ -173,7 +177,7 @@ def test_parts_are_searched_as_bounds_of_their_derivatives_allow(searches, found
     rate = (found["gap"] * searches.direction).sum(axis=1)
     bend = searches.patches[:, 9]
     clear = clearances(straight, rate, searches, bend)
-    assert found["part"] == pytest.approx(clear, rel=1e-9)
+    assert found["part"] == pytest.approx(clear, rel=1e-9, abs=0)
     limit = np.where(searches.ahead, searches.step, np.minimum(searches.distance, searches.nearest) + searches.equal)
     leaves = (searches.ahead > 0) & (bend <= 0.25 * (straight - searches.level))
     opens = found["opens"] > 0
@@ -197,7 +201,7 @@ def test_parts_are_searched_as_bounds_of_their_derivatives_allow(searches, found
     lowest = np.abs(slope).min(axis=1)
     assert (lowest >= steep).all()
     descent = np.maximum(steep / searches.patches[:, :2], 0).max(axis=1) / np.linalg.norm(searches.direction, axis=1)
-    assert found["steady"][opens] == pytest.approx(np.where(steady, descent, 0)[opens], rel=1e-9)
+    assert found["steady"][opens] == pytest.approx(np.where(steady, descent, 0)[opens], rel=1e-9, abs=0)
     assert steady[opens].any()
 
     # parts of which neither is known are divided, their sides are searched too
@@ -217,12 +221,12 @@ def test_nearest_points_at_equal_distance_decide_the_side_together(searches, fou
     """A point counts within the tolerance of the nearest; the nearest one's normal and gap are kept."""
     own, before = searches.nearest, searches.distance
     counts, nearer, replaces = own <= before + searches.equal, own < before, own < before - searches.equal
-    assert found["nearest"] == pytest.approx(np.where(counts & nearer, own, before), rel=1e-12)
+    assert found["nearest"] == pytest.approx(np.where(counts & nearer, own, before), rel=1e-12, abs=0)
     assert np.array_equal(found["side"] == searches.side, ~counts)
     front = np.cross(searches.s, searches.t) * np.where(searches.signs == 1, -1, 1)[:, None]
     size = np.linalg.norm(front, axis=1)
     kept = (counts & nearer)[:, None]
-    assert found["normal"] == pytest.approx(np.where(kept, front / size[:, None], 0), rel=1e-9)
+    assert found["normal"] == pytest.approx(np.where(kept, front / size[:, None], 0), rel=1e-9, abs=0)
 
     # inside of the patch its angle counts as all of its surroundings, of its sides as half of them
     places, inner = found["place"], (np.abs(found["place"]) < 1 - 1e-9).all(axis=1)
@@ -231,10 +235,10 @@ def test_nearest_points_at_equal_distance_decide_the_side_together(searches, fou
     some = counts & inner
     assert some.any()
     side = np.where(replaces, 0, searches.side) + 100 * turn
-    assert found["side"][some] == pytest.approx(side[some], rel=1e-9)
+    assert found["side"][some] == pytest.approx(side[some], rel=1e-9, abs=0)
     behind = (searches.signs == 3) | (searches.signs < 2) & (found["side"] < 0)
-    assert found["signed"] == pytest.approx(np.where(behind, -1, 1) * found["nearest"], rel=1e-12)
+    assert found["signed"] == pytest.approx(np.where(behind, -1, 1) * found["nearest"], rel=1e-12, abs=0)
     far = (counts & nearer) & (own > searches.equal)
     # perpendicular to the patch, away from it
     expected = np.where(behind, 1, -1)[:, None] * np.sign((gap * front).sum(axis=1))[:, None] * front / size[:, None]
-    assert found["direction"][far & inner] == pytest.approx(expected[far & inner], rel=1e-9)
+    assert found["direction"][far & inner] == pytest.approx(expected[far & inner], rel=1e-9, abs=0)

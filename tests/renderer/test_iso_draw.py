@@ -142,10 +142,10 @@ def test_points_next_to_rays_have_steps_to_them_and_errors_of_these(rays, found)
         "derivative_error": 4 * rays.half_hessian * distance * np.abs(tangent).max(axis=1) + rays.derivative_bound,
     }
     for name, each in expected.items():
-        assert point[name] == pytest.approx(each, rel=1e-8), name
+        assert point[name] == pytest.approx(each, rel=1e-8, abs=0), name
     gradient = np.linalg.solve(map_[:, :3, 1:].swapaxes(1, 2), (fit[:, 1:] / rays.half)[..., None])[..., 0]
-    assert more["gradient"] == pytest.approx(gradient, rel=1e-9)
-    assert more["distance"] == pytest.approx(distance, rel=1e-8)
+    assert more["gradient"] == pytest.approx(gradient, rel=1e-9, abs=0)
+    assert more["distance"] == pytest.approx(distance, rel=1e-8, abs=0)
 
 
 def converges(rays, least):
@@ -158,7 +158,7 @@ def test_roots_are_off_by_values_over_slopes_and_by_last_steps(rays, found):
     point, more, root, shift, somewhere, likely = found[:6]
     least = np.maximum(np.abs(rays.slope) - rays.slope_error, 0)
     is_short = converges(rays, least)
-    assert more["least"] == pytest.approx(least, rel=1e-12)
+    assert more["least"] == pytest.approx(least, rel=1e-12, abs=0)
     assert np.array_equal(more["off"], rays.distance > 1e-7)
     assert np.array_equal(more["converges"], is_short)
     assert np.array_equal(more["exact"], rays.exact)
@@ -166,7 +166,7 @@ def test_roots_are_off_by_values_over_slopes_and_by_last_steps(rays, found):
     # a root has no other before -noise + d t - K t^2 returns to 0
     square = least**2 - 4 * rays.curvature * rays.noise
     next_root = np.where(square > 0, (least + np.sqrt(np.maximum(square, 0))) / 2 / rays.curvature, 0)
-    assert more["next"] == pytest.approx(next_root, rel=1e-12)
+    assert more["next"] == pytest.approx(next_root, rel=1e-12, abs=0)
 
     length, tangent = np.abs(rays.step).max(axis=1), point["tangent"]
     error = rays.error + rays.misplaced * np.linalg.norm(more["gradient"], axis=1) + rays.value_error
@@ -177,18 +177,18 @@ def test_roots_are_off_by_values_over_slopes_and_by_last_steps(rays, found):
         off = 2 * error / np.where(is_steady, least, 0) + 4 * UNIT * np.abs(rays.z)
     off += left / np.abs(tangent).max(axis=1)
     assert 0 < is_steady.sum() < COUNT
-    assert root["uncertainty"] == pytest.approx(off, rel=1e-9)
+    assert root["uncertainty"] == pytest.approx(off, rel=1e-9, abs=0)
     at = rays.centre + rays.half * rays.s
-    assert root["reference"] == pytest.approx(at + rays.half * rays.step, rel=1e-12)
-    assert root["tangent"] == pytest.approx(rays.half * tangent, rel=1e-12)
+    assert root["reference"] == pytest.approx(at + rays.half * rays.step, rel=1e-12, abs=0)
+    assert root["tangent"] == pytest.approx(rays.half * tangent, rel=1e-12, abs=0)
     steps = np.abs(rays.half * tangent).max(axis=1)
-    assert shift["shift"] == pytest.approx(2 * np.minimum(off, 1e300) * steps, rel=1e-9)
+    assert shift["shift"] == pytest.approx(2 * np.minimum(off, 1e300) * steps, rel=1e-9, abs=0)
 
     assert np.isinf(somewhere["uncertainty"]).all()
-    assert somewhere["reference"] == pytest.approx(at + rays.half * point["correction"], rel=1e-9)
-    assert likely["depth"] == pytest.approx(rays.z + rays.step[:, 0], rel=1e-12)
+    assert somewhere["reference"] == pytest.approx(at + rays.half * point["correction"], rel=1e-9, abs=0)
+    assert likely["depth"] == pytest.approx(rays.z + rays.step[:, 0], rel=1e-12, abs=0)
     ahead = point["correction"] + rays.step[:, :1] * tangent
-    assert likely["reference"] == pytest.approx(at + rays.half * ahead, rel=1e-9)
+    assert likely["reference"] == pytest.approx(at + rays.half * ahead, rel=1e-9, abs=0)
 
 
 def test_steps_pass_no_root_of_the_worst_field(rays, found):
@@ -210,12 +210,12 @@ def test_steps_pass_no_root_of_the_worst_field(rays, found):
     lost = moves & on_ray & (x <= 2 * rays.noise) & flat
     assert np.array_equal(approached["lost"], lost)
     assert lost.any()
-    assert approached["s"] == pytest.approx(rays.s + found[0]["correction"], rel=1e-12)
+    assert approached["s"] == pytest.approx(rays.s + found[0]["correction"], rel=1e-12, abs=0)
 
     # the secant of derivatives meets 0 at the turn
     bend = rays.sign * (rays.slope - rays.slope_before) / (rays.z - rays.before)
     turn = np.where((rays.z > rays.before) & (bend > 0), np.maximum(-rays.sign * rays.slope / bend, 0), 0)
-    assert approached["turn"] == pytest.approx(np.where(on_ray, turn, 0), rel=1e-9)
+    assert approached["turn"] == pytest.approx(np.where(on_ray, turn, 0), rel=1e-9, abs=0)
 
 
 def test_newtons_method_starts_only_where_one_root_lies_ahead(rays, found):
@@ -232,12 +232,12 @@ def test_newtons_method_starts_only_where_one_root_lies_ahead(rays, found):
     least = np.maximum(np.abs(rays.slope) - rays.slope_error, 0)
     ends = (rays.exact > 0) & (converges(rays, least) | (length < 1e-6) & (length > 0.5 * rays.last))
     assert np.array_equal(found[CLOSED - 1]["closes"], ends)
-    assert closed["z"] == pytest.approx(rays.z - rays.value / rays.slope, rel=1e-12)
-    assert closed["s"] == pytest.approx(rays.s + rays.step, rel=1e-12)
-    assert closed["last"] == pytest.approx(length, rel=1e-12)
+    assert closed["z"] == pytest.approx(rays.z - rays.value / rays.slope, rel=1e-12, abs=0)
+    assert closed["s"] == pytest.approx(rays.s + rays.step, rel=1e-12, abs=0)
+    assert closed["last"] == pytest.approx(length, rel=1e-12, abs=0)
 
     next_root = np.where(found[1]["next"] == 0, np.abs(rays.slope) / rays.curvature, found[1]["next"])
-    assert found[LEFT - 1]["leave"] == pytest.approx(next_root, rel=1e-12)
+    assert found[LEFT - 1]["leave"] == pytest.approx(next_root, rel=1e-12, abs=0)
     assert np.array_equal(left["sign"], np.where(rays.slope < 0, -1, 1))
     assert np.array_equal(found[-1]["doubtful"], np.abs(rays.value) <= 8 * rays.model_error)
 

@@ -136,9 +136,9 @@ def test_lagrange_polynomials_are_within_their_weights_around_places(boxes, encl
 
     # closely for small reaches; nodes are symmetric, so that places of both signs have the same weights
     expected = weights_of(c, reach)
-    assert enclosed["growth"] == pytest.approx(expected[0], rel=1e-12)
-    assert found[..., 0] == pytest.approx(expected[1], rel=1e-12)
-    assert found[..., 1] == pytest.approx(expected[2], rel=1e-12)
+    assert enclosed["growth"] == pytest.approx(expected[0], rel=1e-12, abs=0)
+    assert found[..., 0] == pytest.approx(expected[1], rel=1e-12, abs=0)
+    assert found[..., 1] == pytest.approx(expected[2], rel=1e-12, abs=0)
 
 
 def carried_of(boxes):
@@ -156,12 +156,14 @@ def carried_of(boxes):
 
 def test_errors_of_series_over_elements_are_carried_to_sub_elements(boxes, enclosed):
     value, grown, slopes = carried_of(boxes)
-    assert enclosed["value"] == pytest.approx(value, rel=1e-12)
-    assert enclosed["grown"] == pytest.approx(grown, rel=1e-12)
-    assert enclosed["slopes"] == pytest.approx(slopes, rel=1e-12)
+    assert enclosed["value"] == pytest.approx(value, rel=1e-12, abs=0)
+    assert enclosed["grown"] == pytest.approx(grown, rel=1e-12, abs=0)
+    assert enclosed["slopes"] == pytest.approx(slopes, rel=1e-12, abs=0)
     places = [value * boxes.errors[:, :3].T + grown * boxes.grid[:, :3, 0].T, boxes.grid[:, :3, 1].T]
-    assert enclosed["places"] == pytest.approx(np.stack([each.sum(axis=0) for each in places], axis=1), rel=1e-12)
-    assert enclosed["grid_places"] == pytest.approx(enclosed["places"], rel=1e-12)
+    assert enclosed["places"] == pytest.approx(
+        np.stack([each.sum(axis=0) for each in places], axis=1), rel=1e-12, abs=0
+    )
+    assert enclosed["grid_places"] == pytest.approx(enclosed["places"], rel=1e-12, abs=0)
 
 
 def check_discs(discs, values, s, axis):
@@ -185,7 +187,7 @@ def test_leaves_lie_within_their_discs_on_ellipses_and_reach_their_ends(boxes, e
     slopes = np.concatenate([turned, jets[:, :, 3:, 1:]], axis=2)
     assert check_discs(enclosed["gradients"], slopes, s, axis)[:, 3:].max() > 0.8
     middle = boxes.jets(np.zeros((COUNT, 1, 3)))[:, 0]
-    assert enclosed["values"][:, 3:, 4:] == pytest.approx(axis[:, None, None] * middle[:, 3:, 1:], rel=1e-9)
+    assert enclosed["values"][:, 3:, 4:] == pytest.approx(axis[:, None, None] * middle[:, 3:, 1:], rel=1e-9, abs=1e-13)
     assert enclosed["inverse"] @ middle[:, :3, 1:] == pytest.approx(np.tile(np.eye(3), (COUNT, 1, 1)), abs=1e-11)
 
 
@@ -207,7 +209,7 @@ def test_radii_of_leaves_have_the_errors_of_values_in_each_coefficient(boxes, en
     size = np.abs(terms) * (ORDER > 0)[:, None] + room
     reach = np.prod((axis * share)[:, None] ** POWERS, axis=2)
     radius = np.einsum("nt,ntl->nl", reach, size)
-    assert enclosed["values"][..., 1] == pytest.approx(radius, rel=1e-9)
+    assert enclosed["values"][..., 1] == pytest.approx(radius, rel=1e-9, abs=0)
 
 
 def test_errors_of_leaves_have_those_of_values_and_derivatives(boxes, enclosed):
@@ -221,11 +223,11 @@ def test_errors_of_leaves_have_those_of_values_and_derivatives(boxes, enclosed):
     steps = np.stack(np.broadcast_arrays(4 * direct[..., None], steep, 9 * boxes.grid[..., 1:]), axis=1)
     steps = steps * boxes.half[:, None, None]
     kind = np.arange(COUNT), boxes.kind
-    assert enclosed["values"][..., 3] == pytest.approx(of_values[kind], rel=1e-12)
-    assert enclosed["gradients"][:, 3:, :, 3] == pytest.approx(steps[kind][:, 3:], rel=1e-7)
+    assert enclosed["values"][..., 3] == pytest.approx(of_values[kind], rel=1e-12, abs=0)
+    assert enclosed["gradients"][:, 3:, :, 3] == pytest.approx(steps[kind][:, 3:], rel=1e-7, abs=1e-13)
     turned = np.einsum("nij,njk->nik", np.abs(enclosed["inverse"]), steps[kind][:, :3])
     rounded = 16 * enclosed["skewness"] * UNIT
-    assert enclosed["gradients"][:, :3, :, 3] == pytest.approx(turned + rounded[:, None, None], rel=1e-7)
+    assert enclosed["gradients"][:, :3, :, 3] == pytest.approx(turned + rounded[:, None, None], rel=1e-7, abs=1e-14)
 
 
 def test_products_of_fields_are_enclosed_with_their_level(boxes, enclosed):
@@ -236,7 +238,7 @@ def test_products_of_fields_are_enclosed_with_their_level(boxes, enclosed):
         part = np.abs(values - enclosed["middle"][:, None]).max(axis=1) / enclosed["spread"][:, e]
         assert part.max() <= 1
         assert part.max() > 0.9
-    assert enclosed["radius"] == pytest.approx(enclosed["spread"][:, 0], rel=1e-12)
+    assert enclosed["radius"] == pytest.approx(enclosed["spread"][:, 0], rel=1e-12, abs=0)
     assert np.array_equal(
         enclosed["avoids"] > 0, (np.abs(enclosed["middle"]) > enclosed["radius"]) | (enclosed["spurious"] > 0)
     )
@@ -254,8 +256,8 @@ def test_misfits_are_those_of_the_best_ellipse_on_the_next_larger_box(boxes, enc
     known, boxes_at = tails(2), np.searchsorted(BOXES, boxes.c)
     bounds = enclosed["spread"][:, 1:, None] * known[1:, boxes_at].transpose(1, 0, 2)
     best = np.argmin(np.where(np.isfinite(bounds[..., 2]), bounds[..., 2], np.inf), axis=1)
-    assert enclosed["misfit"] == pytest.approx(bounds[np.arange(COUNT), best], rel=1e-12)
-    assert enclosed["steepness"] == pytest.approx(1 / (AXES[1] - boxes.c), rel=1e-12)
+    assert enclosed["misfit"] == pytest.approx(bounds[np.arange(COUNT), best], rel=1e-12, abs=0)
+    assert enclosed["steepness"] == pytest.approx(1 / (AXES[1] - boxes.c), rel=1e-12, abs=0)
     own = enclosed["spread"][:, 1:, None] * known[1:, 0]
     first = own[np.arange(COUNT), np.argmin(own[..., 2], axis=1), 1]
     assert np.array_equal(enclosed["hopeless"] > 0, ~(first <= 2e-3 * enclosed["radius"]))

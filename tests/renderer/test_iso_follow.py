@@ -170,7 +170,7 @@ def test_pixels_that_sub_elements_may_meet(follow):
     assert np.array_equal(found["first"][seen], first[seen])
     assert np.array_equal(found["last"][seen], last[seen])
     size = (np.abs(looks.miss) + looks.total[:, :2]) / weights[:, :1] + 1e-6
-    assert found["spread"][ahead] == pytest.approx(size[ahead], rel=1e-12)
+    assert found["spread"][ahead] == pytest.approx(size[ahead], rel=1e-12, abs=0)
 
     # next to the eye: only what lies beyond one side of the picture at all distances is left out
     shares = np.linspace(1e-6, 1, 400)
@@ -193,7 +193,7 @@ def test_remainders_are_the_largest_values_of_nonlinear_parts(follow):
     check_equal(plain, expected, REMAINDER)
     check_equal(errors, with_errors(expected, cases.off, cases.error, **MARKOV), FIELDS)
     misfits = misfit_of(cases.spread, np.ones(COUNT))
-    assert misfit["misfit"] == pytest.approx(misfits, rel=1e-12)
+    assert misfit["misfit"] == pytest.approx(misfits, rel=1e-12, abs=0)
     check_equal(both, with_misfit(errors, misfits), FIELDS)
 
 

@@ -81,7 +81,7 @@ def test_models_have_the_terms_up_to_their_degree(models, found):
     weight = np.where(models.perspective > 0, found["value"][:, 2] + 5, 1)
     aside = models.s[:, :2]
     position = np.column_stack([found["value"][:, :2] - aside * weight[:, None], found["value"][:, 2] + 5])
-    assert found["position"] == pytest.approx(position, rel=1e-9)
+    assert found["position"] == pytest.approx(position, rel=1e-9, abs=0)
     for name, slope in (("dx", found["x"]), ("dz", found["z"])):
         sheared = slope[:, :2] - (models.perspective[:, None] * aside) * slope[:, 2:3]
         assert found[name] == pytest.approx(np.column_stack([sheared, slope[:, 2]]), rel=1e-9, abs=1e-12)

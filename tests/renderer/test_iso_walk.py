@@ -67,7 +67,7 @@ def test_derivatives_along_rays_are_bounded_by_slopes_and_distances(walks, found
     assert bounds["low"] == pytest.approx(middle - room, rel=1e-11, abs=1e-12)
     assert bounds["high"] == pytest.approx(middle + room, rel=1e-11, abs=1e-12)
     assert (bounds["high"] - bounds["low"] >= 2 * room).all()
-    assert bounds["close"] == pytest.approx(walks.apart / np.linalg.norm(walks.way, axis=1), rel=1e-12)
+    assert bounds["close"] == pytest.approx(walks.apart / np.linalg.norm(walks.way, axis=1), rel=1e-12, abs=0)
     assert np.array_equal(start["monotone"], (bounds["low"] > 0) | (bounds["high"] < 0))
     assert 20 < start["monotone"].sum() < COUNT - 20
 
@@ -100,8 +100,8 @@ def test_the_only_root_of_monotone_quantities_is_enclosed(walks, found):
     ahead = inside & (np.sign(walks.value) == -np.sign(walks.rate))
     low = (x - walks.noise) / np.where(x > walks.noise, fast, slow)
     high = (x + walks.noise) / slow
-    assert steps["least"][ahead, 0] == pytest.approx(np.maximum(low, 0)[ahead], rel=1e-9)
-    assert steps["most"][ahead, 0] == pytest.approx(high[ahead], rel=1e-9)
+    assert steps["least"][ahead, 0] == pytest.approx(np.maximum(low, 0)[ahead], rel=1e-9, abs=0)
+    assert steps["most"][ahead, 0] == pytest.approx(high[ahead], rel=1e-9, abs=0)
 
 
 def test_steps_pass_no_root_unseen(walks, found):

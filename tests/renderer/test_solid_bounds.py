@@ -227,4 +227,4 @@ def test_rays_are_within_solids_between_the_ends_of_their_interval(solids, found
     plain = (solids.room == 0) & (found["aside"] > 0)
     assert not inside[plain].any()
     size = solids.length + 2 * solids.wide
-    assert found["rounding"] == pytest.approx(2e-14 * size**2 * (1 + solids.slope**2), rel=1e-12)
+    assert found["rounding"] == pytest.approx(2e-14 * size**2 * (1 + solids.slope**2), rel=1e-12, abs=0)

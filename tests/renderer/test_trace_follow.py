@@ -106,9 +106,9 @@ def found(functions, lines):
 def test_errors_of_steps_are_those_of_the_embedded_rules_and_of_the_dense_output(lines, found):
     fifth, third = (lines.world(lines.width[:, None] * (row @ lines.rates)) for row in lines.errors)
     error = fifth / np.sqrt(fifth + 0.01 * third) / lines.tolerance
-    assert found["error"] == pytest.approx(error, rel=1e-12)
+    assert found["error"] == pytest.approx(error, rel=1e-12, abs=0)
     defect = np.sqrt(lines.world(lines.slope - lines.width[:, None] * lines.velocity)) / lines.defect / lines.tolerance
-    assert found["defect"] == pytest.approx(np.maximum(error, defect), rel=1e-12)
+    assert found["defect"] == pytest.approx(np.maximum(error, defect), rel=1e-12, abs=0)
     assert 0 < (defect > error).sum() < COUNT
 
 
@@ -118,15 +118,17 @@ def test_dense_outputs_are_the_polynomials_of_their_terms(lines, found):
     terms = [change, first - change, 2 * change - first - last]
     terms += [lines.width[:, None] * (row @ lines.rates) for row in lines.dense]
     spread = lines.state[:, None] + np.einsum("tb,tnc->nbc", lines.powers, np.array(terms))
-    assert found["spread"].reshape(COUNT, 8, 4) == pytest.approx(spread, rel=1e-12)
+    assert found["spread"].reshape(COUNT, 8, 4) == pytest.approx(spread, rel=1e-12, abs=0)
 
     choose = np.array([1, 7, 21, 35, 35, 21, 7, 1])
     t, k = lines.place[:, None], np.arange(8)
     basis = choose * t**k * (1 - t) ** (7 - k)
-    assert found["state"] == pytest.approx(np.einsum("nk,nkc->nc", basis, lines.nets), rel=1e-12)
+    assert found["state"] == pytest.approx(np.einsum("nk,nkc->nc", basis, lines.nets), rel=1e-12, abs=0)
     choose = np.array([1, 6, 15, 20, 15, 6, 1])
     basis = 7 * choose * t ** k[:7] * (1 - t) ** (6 - k[:7])
-    assert found["slope"] == pytest.approx(np.einsum("nk,nkc->nc", basis, np.diff(lines.nets, axis=1)), rel=1e-12)
+    assert found["slope"] == pytest.approx(
+        np.einsum("nk,nkc->nc", basis, np.diff(lines.nets, axis=1)), rel=1e-12, abs=0
+    )
 
 
 def test_lines_leave_by_the_first_side_that_they_cross(lines, found):
@@ -156,7 +158,7 @@ def test_ends_at_sides_move_along_the_line_as_far_as_rounding(lines, found):
     height, missing = HEIGHTS[side], -((lines.last[:, :3] * HEIGHTS[side, :3]).sum(axis=1) + HEIGHTS[side, 3])
     speed = (height[:, :3] * lines.velocity[:, :3]).sum(axis=1)
     shift = np.where(np.abs(missing / speed) <= lines.rounded * lines.width, missing / speed, 0)
-    assert found["shift"] == pytest.approx(shift, rel=1e-12)
+    assert found["shift"] == pytest.approx(shift, rel=1e-12, abs=0)
     assert 0 < (shift != 0).sum() < COUNT
     ends = found["end"]
     assert np.abs((ends[:, :3] * height[:, :3]).sum(axis=1) + height[:, 3]).max() < 1e-14

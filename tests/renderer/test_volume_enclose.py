@@ -118,7 +118,7 @@ def test_bends_are_the_sums_of_derivatives_on_ellipses(functions, rays):
     size = COUNT * LEAVES * len(CUBE_AXES) * 2
     memory = {"values": np.zeros(COUNT * 6 * 27), "bent": np.zeros(size), "polynomials": rays.coefficients}
     found = kernel.run(COUNT, "bent", size, wanted=wanted, **given, **memory).reshape(COUNT, LEAVES, -1, 2)
-    assert found == pytest.approx(bends_of(rays, rays.errors), rel=1e-6)
+    assert found == pytest.approx(bends_of(rays, rays.errors), rel=1e-6, abs=0)
 
     # second derivatives of polynomials with positive coefficients, at the end of each half axis
     ends = np.tile(np.array(CUBE_AXES)[None, :, None], (COUNT, 1, 3))
@@ -173,22 +173,22 @@ def test_parts_of_enclosures_follow_from_derivatives(rays, enclosed):
     bends, placed, rows = bends_of(rays), enclosed["placed"], np.arange(COUNT)
     inverse = np.abs(enclosed["inverse"])
     turns = np.einsum("nij,nje->nie", inverse, bends[:, :3, :, 1]).max(axis=1)
-    assert enclosed["turn"] == pytest.approx(turns[rows, rays.e], rel=1e-12)
-    assert placed == pytest.approx(1e-14 + 1e-10 * turns[:, 0], rel=1e-9)
+    assert enclosed["turn"] == pytest.approx(turns[rows, rays.e], rel=1e-12, abs=0)
+    assert placed == pytest.approx(1e-14 + 1e-10 * turns[:, 0], rel=1e-9, abs=0)
     jets = jets_of(rays.coefficients, rays.r[:, None])[:, 0]
     jacobians = jets[:, :3, 1:]
     assert enclosed["inverse"] @ jacobians == pytest.approx(np.tile(np.eye(3), (COUNT, 1, 1)), abs=1e-12)
     speed = np.linalg.solve(jacobians, rays.direction[..., None])[..., 0]
-    assert enclosed["speed"] == pytest.approx(speed, rel=1e-12)
-    assert enclosed["steep"] == pytest.approx(np.abs(jacobians).sum(axis=2).max(axis=1), rel=1e-12)
+    assert enclosed["speed"] == pytest.approx(speed, rel=1e-12, abs=0)
+    assert enclosed["steep"] == pytest.approx(np.abs(jacobians).sum(axis=2).max(axis=1), rel=1e-12, abs=0)
     lengths = np.linalg.norm(jacobians, axis=1).prod(axis=1) / np.abs(np.linalg.det(jacobians))
-    assert enclosed["skewness"] == pytest.approx(lengths, rel=1e-12)
+    assert enclosed["skewness"] == pytest.approx(lengths, rel=1e-12, abs=0)
 
     # the distance from an ellipse with the half axis a: of a circle that touches it inside, or at the end of the axis
     c, axis = np.abs(rays.r), np.array(CUBE_AXES)[:, None, None]
     with np.errstate(invalid="ignore"):
         room = np.where(axis * c <= 1, np.sqrt((1 - c**2) * (axis**2 - 1)), axis - c).min(axis=2).T
-    assert enclosed["room"] == pytest.approx(room[rows, rays.e], rel=1e-12)
+    assert enclosed["room"] == pytest.approx(room[rows, rays.e], rel=1e-12, abs=0)
 
     way = np.abs(speed).max(axis=1) * rays.time
     part = 2 * turns * way[:, None]
@@ -200,25 +200,25 @@ def test_parts_of_enclosures_follow_from_derivatives(rays, enclosed):
     known = enclosed["known"] > 0
     assert np.array_equal(known, first >= 0)
     assert np.array_equal(enclosed["ellipse"][known], first[known])
-    assert enclosed["reach"][known] == pytest.approx(reach[rows, first][known], rel=1e-12)
+    assert enclosed["reach"][known] == pytest.approx(reach[rows, first][known], rel=1e-12, abs=0)
 
     # errors of fields, positions and derivatives
     size, degree = np.abs(jets[:, 3:, 1:]).sum(axis=2), 2
     near = bends[rows, :, np.maximum(first, 0), 1]
-    assert enclosed["fields"][:, :, 3] == pytest.approx(size * placed[:, None] + rays.errors[:, 3:], rel=1e-9)
+    assert enclosed["fields"][:, :, 3] == pytest.approx(size * placed[:, None] + rays.errors[:, 3:], rel=1e-9, abs=0)
     steep = enclosed["steep"] * placed
-    assert enclosed["coordinates"][:, :, 3] == pytest.approx(steep[:, None] + rays.errors[:, :3], rel=1e-9)
+    assert enclosed["coordinates"][:, :, 3] == pytest.approx(steep[:, None] + rays.errors[:, :3], rel=1e-9, abs=0)
     of_field = 2 * degree * rays.errors[:, 4] + near[:, 4] * placed
-    assert enclosed["gradient"][known][..., 3] == pytest.approx(np.tile(of_field[known, None], (1, 3)), rel=1e-4)
+    assert enclosed["gradient"][known][..., 3] == pytest.approx(np.tile(of_field[known, None], (1, 3)), rel=1e-4, abs=0)
     map_errors = np.einsum("nij,nj->ni", inverse, rays.errors[:, :3])
     map_bends = np.einsum("nij,nj->ni", inverse, near[:, :3])
     reach = enclosed["reach"]
     width = (near[:, 4] * reach)[known, None]
-    assert enclosed["gradient"][known][..., 1] == pytest.approx(np.tile(width, (1, 3)), rel=1e-9)
+    assert enclosed["gradient"][known][..., 1] == pytest.approx(np.tile(width, (1, 3)), rel=1e-9, abs=0)
     widths = np.repeat((map_bends * reach[:, None])[known], 3, axis=1)
-    assert enclosed["turned"][known][..., 1] == pytest.approx(widths, rel=1e-9)
+    assert enclosed["turned"][known][..., 1] == pytest.approx(widths, rel=1e-9, abs=0)
     of_map = 2 * degree * map_errors + 32 * enclosed["skewness"][:, None] * UNIT + map_bends * placed[:, None]
-    assert enclosed["turned"][known][..., 3] == pytest.approx(np.repeat(of_map[known], 3, axis=1), rel=1e-3)
+    assert enclosed["turned"][known][..., 3] == pytest.approx(np.repeat(of_map[known], 3, axis=1), rel=1e-3, abs=0)
 
 
 def test_differences_from_polynomials_along_rays_take_the_best_proof(rays, enclosed):
@@ -232,4 +232,4 @@ def test_differences_from_polynomials_along_rays_take_the_best_proof(rays, enclo
     found = enclosed["off"]
     some = np.isfinite(found)
     assert 0 < some.sum() < COUNT
-    assert found[some] == pytest.approx(best[some], rel=1e-9)
+    assert found[some] == pytest.approx(best[some], rel=1e-9, abs=0)

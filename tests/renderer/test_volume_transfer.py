@@ -37,6 +37,7 @@ class Lines:
         self.a, width = rng.uniform(0, 0.5, COUNT), rng.uniform(0.1, 0.5, COUNT)
         self.b = self.a + width
         self.radius = rng.choice([0.0, 0.05, 0.5], COUNT)
+        self.nets[2], self.radius[2] = [0.5, -0.5, 0.5, -0.5], 0.5
         self.accuracy = rng.uniform(0, 1e-6, (COUNT, 3)) * [1e3, 1, 1e-3]
         self.known = (self.nets[:, 0] == 0) & (np.arange(COUNT) % 2 == 0)
         self.values = np.sort(rng.uniform(-1, 1, (COUNT, BREAKPOINTS)), axis=1)
@@ -105,7 +106,7 @@ def test_sign_changes_and_slopes_bound_all_polynomials_within_the_radius(lines, 
     # T_3 grows most outside of the interval on which values are known
     grown = lines.accuracy[:, 1] * np.polynomial.chebyshev.chebval(1 + 2 * (lines.b - lines.a), [0, 0, 0, 1])
     within = np.minimum(lines.accuracy[:, 0], grown) + lines.accuracy[:, 2]
-    assert found["within"] == pytest.approx(within, rel=1e-12)
+    assert found["within"] == pytest.approx(within, rel=1e-12, abs=0)
 
 
 def test_first_roots_are_found_with_the_least_slope_around_them(lines, found):
@@ -134,12 +135,12 @@ def test_first_roots_are_found_with_the_least_slope_around_them(lines, found):
 
 def test_densities_are_piecewise_linear_and_largest_at_breakpoints_or_ends(lines, found):
     for k in range(COUNT):
-        assert found["density"][k] == pytest.approx(lines.density(k, lines.low[k]), rel=1e-9)
+        assert found["density"][k] == pytest.approx(lines.density(k, lines.low[k]), rel=1e-9, abs=0)
         color = [np.interp(lines.low[k], lines.values[k], lines.colors[k, :, c]) for c in range(3)]
-        assert found["color"][k] == pytest.approx(color, rel=1e-9)
+        assert found["color"][k] == pytest.approx(color, rel=1e-9, abs=0)
         inside = lines.values[k][(lines.values[k] > lines.low[k]) & (lines.values[k] < lines.high[k])]
         ends = np.array([lines.low[k], lines.high[k], *inside])
-        assert found["most"][k] == pytest.approx(lines.density(k, ends).max(), rel=1e-9)
+        assert found["most"][k] == pytest.approx(lines.density(k, ends).max(), rel=1e-9, abs=0)
 
 
 def test_risks_of_volumes_bound_their_change_within_what_quantities_are_off(lines, found):
@@ -158,7 +159,7 @@ def test_risks_of_volumes_bound_their_change_within_what_quantities_are_off(line
         most = lines.nets[k].max() + off, lines.nets[k].min() - off
         ends = [*most, *lines.values[k][(lines.values[k] < most[0]) & (lines.values[k] > most[1])]]
         limit = min(lines.steepest[k] * off, lines.density(k, np.array(ends)).max())
-        assert found["risk"][k] == pytest.approx(limit if off > 0 else 0, rel=1e-9)
+        assert found["risk"][k] == pytest.approx(limit if off > 0 else 0, rel=1e-9, abs=0)
     assert max(nearest) > 0.9
     assert (found["risk"][lines.gate > 0] == 0).any()
 

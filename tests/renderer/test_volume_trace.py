@@ -1,0 +1,115 @@
+"""Rays in curved elements: points along them, and polynomials with their differences from the field."""
+
+import numpy as np
+import pytest
+from kernel_functions import parted, rows_of, width_of
+
+COUNT, NODES = 48, 8
+POWERS = np.array([[k % 3, k // 3 % 3, k // 9] for k in range(27)])
+FOUND = {
+    **dict.fromkeys(["mean", "parabola", "cubic"], 3),
+    "net": 4,
+    **dict.fromkeys(["error", "found", "depth", "value"], 1),
+    **dict.fromkeys(["middle", "last", "rate"], 3),
+    "end": 1,
+}
+
+
+class Rays:
+    """Curves of reference coordinates, and rays through nearly straight elements."""
+
+    def __init__(self, rng):
+        def some(low, high, *shape):
+            return rng.uniform(low, high, (COUNT, *shape))
+
+        self.curves = some(-1, 1, 4, 3)
+        self.first, self.last = some(0, 1), some(2, 3)
+        self.to, self.before = some(1.5, 1.9), some(-1, -0.5)
+        self.polynomials = some(-0.02, 0.02, 5, 27)
+        self.polynomials[:, [0, 1, 2], [1, 3, 9]] += 1.0
+        self.polynomials[:, 3:] *= 50
+        self.enter, self.direction = some(-0.6, -0.5, 3), some(-0.12, 0.12, 3)
+        self.leave = self.enter + self.direction
+        self.span = np.stack([some(1, 2), some(2.5, 3)], axis=1)
+        self.places = np.sort(rng.uniform(0.05, 0.95, NODES - 1))
+        self.matrix = rng.uniform(-1, 1, (NODES, NODES))
+        self.position = np.stack([self.jets(k, self.enter)[:, 0] for k in range(3)], axis=1)
+        end = np.stack([self.jets(k, self.leave)[:, 0] for k in range(3)], axis=1)
+        self.world = (end - self.position) / (self.span[:, 1] - self.span[:, 0])[:, None]
+        self.origin = self.position - self.span[:, :1] * self.world
+
+    def jets(self, function, r):
+        """Values and derivatives (n, 4) of a function at points (n, 3)."""
+        powers = np.stack([np.ones_like(r), r, r**2], axis=-1)
+        slopes = np.stack([np.zeros_like(r), np.ones_like(r), 2 * r], axis=-1)
+        found = []
+        for axis in (None, 0, 1, 2):
+            lines = [(slopes if k == axis else powers)[:, k][:, POWERS[:, k]] for k in range(3)]
+            found.append((np.prod(lines, axis=0) * self.polynomials[:, function]).sum(axis=1))
+        return np.stack(found, axis=1)
+
+    def curve(self, z, order=0):
+        """Points (n, 3) at z (n,) of cubic curves, or their derivatives."""
+        k = np.arange(4)
+        powers = z[:, None] ** k if order == 0 else k * z[:, None] ** np.maximum(k - 1, 0)
+        return np.einsum("nk,nkc->nc", powers, self.curves)
+
+    def at(self, depth):
+        """Reference points (n, 3) of the rays at depths (n,), and their derivatives."""
+        target = self.origin + depth[:, None] * self.world
+        r = self.enter + (depth - self.span[:, 0])[:, None] * self.direction / np.ptp(self.span, axis=1)[:, None]
+        for _ in range(20):
+            jets = np.stack([self.jets(k, r) for k in range(3)], axis=1)
+            r = r - np.linalg.solve(jets[..., 1:], (jets[..., 0] - target)[..., None])[..., 0]
+        return r, np.linalg.solve(jets[..., 1:], self.world[..., None])[..., 0]
+
+    def rows(self):
+        columns = [
+            *[self.first, self.last],
+            *[self.curve(self.first), self.curve(self.last), self.curve(self.first, 1), self.to],
+            *[self.before, self.curve(self.before), self.curve(self.before, 1)],
+            *[self.origin, self.world, self.span, self.enter, self.leave],
+        ]
+        return rows_of(COUNT, columns)
+
+
+@pytest.fixture(scope="module")
+def rays():
+    return Rays(np.random.default_rng(18))
+
+
+@pytest.fixture(scope="module")
+def found(functions, rays):
+    kernel = functions("volume_trace")
+    given = {"polynomials": rays.polynomials, "places": rays.places, "fit": rays.matrix}
+    (found,) = parted(kernel(rays.rows(), width_of([FOUND]), **given), [FOUND])
+    return found
+
+
+def test_points_are_extrapolated_by_the_polynomials_of_all_that_is_known(rays, found):
+    """A parabola through the exit, with the derivative; a cubic with both derivatives, which cubic curves are."""
+    mean = (rays.curve(rays.last) - rays.curve(rays.first)) / (rays.last - rays.first)[:, None]
+    assert found["mean"] == pytest.approx(mean, rel=1e-12)
+    start, slope = rays.curve(rays.first), rays.curve(rays.first, 1)
+    ahead, way = rays.last - rays.first, rays.to - rays.first
+    bend = (rays.curve(rays.last) - start - ahead[:, None] * slope) / ahead[:, None] ** 2
+    assert found["parabola"] == pytest.approx(start + way[:, None] * slope + way[:, None] ** 2 * bend, rel=1e-11)
+    assert found["cubic"] == pytest.approx(rays.curve(rays.to), rel=1e-10)
+
+
+def test_fields_along_parts_are_fitted_at_points_of_the_ray(rays, found):
+    width = np.ptp(rays.span, axis=1)
+    depths = rays.span[:, :1] + np.column_stack([width[:, None] * rays.places, width])
+    points = [rays.at(depth)[0] for depth in depths.T]
+    values = np.stack([rays.jets(3, point)[:, 0] for point in points], axis=1)
+    fitted = values @ rays.matrix.T
+    assert found["found"].all()
+    assert found["net"] == pytest.approx(fitted[:, :4], rel=1e-9, abs=1e-9)
+    assert found["error"] == pytest.approx(np.abs(fitted[:, 4:]).sum(axis=1), rel=1e-9)
+    middle = (NODES - 1) // 2
+    assert found["depth"] == pytest.approx(depths[:, middle], rel=1e-12)
+    assert found["middle"] == pytest.approx(points[middle], rel=1e-9)
+    assert found["value"] == pytest.approx(values[:, middle], rel=1e-8)
+    assert np.array_equal(found["last"], rays.leave)
+    assert found["rate"] == pytest.approx(rays.at(depths[:, -2])[1], rel=1e-3)
+    assert np.array_equal(found["end"], rays.span[:, 1])
