@@ -5,6 +5,20 @@ AREAS := formats plugins converters renderer reference
 DEMO  := .venv/.demo
 READY := .venv/.ready
 
+# Tests run in four sets, one after another, each in processes of its own: what solvers' libraries, kernels and the tests
+# themselves take in memory leaves with them, and no process grows beyond 1.5 GB.
+DRAWING    := tests/renderer tests/trials tests/viewer
+CONVERTING := tests/converters tests/reference
+EXTENDING  := tests/benchmarks tests/examples tests/plugins
+OTHERS     := $(filter-out $(DRAWING) $(CONVERTING) $(EXTENDING) tests/__pycache__,$(patsubst %/,%,$(wildcard tests/*/)))
+
+# run_tests OPTIONS: every set, also after one that failed
+define run_tests
+@failed=; for set in "$(DRAWING)" "$(CONVERTING)" "$(EXTENDING)" "$(OTHERS)"; do \
+	$(RUN) -m pytest --numprocesses auto --maxprocesses 4 --dist worksteal $(1) $$set || failed="$$failed $$set"; \
+done; test -z "$$failed" || { echo "not all tests passed in:$$failed"; exit 1; }
+endef
+
 .PHONY: help demo test check lint pages every-test docs bench exactness fuzz mutants setup clean
 
 help:
@@ -28,10 +42,10 @@ demo: $(DEMO)
 # programs come from the network while the code is checked
 test: $(READY)
 	@sh tools/programs.sh & $(MAKE) --no-print-directory lint; checked=$$?; wait; exit $$checked
-	@$(RUN) -m pytest --numprocesses auto --maxprocesses 4 --dist worksteal
+	$(call run_tests)
 
 check: lint
-	@$(RUN) -m pytest -m "not long" --numprocesses auto --maxprocesses 4 --dist worksteal
+	$(call run_tests,-m "not long")
 
 lint: $(READY)
 	@$(RUN) -m ruff check
@@ -51,9 +65,10 @@ pages: $(READY)
 	@$(RUN) examples/generate.py out/data
 	@$(RUN) tools/notebooks.py out/data
 
+every-test: export EVERY_TEST = 1
 every-test: $(READY)
 	@sh tools/programs.sh
-	@EVERY_TEST=1 $(RUN) -m pytest -m "sampled or thorough" --numprocesses auto --maxprocesses 4 --dist worksteal
+	$(call run_tests,-m "sampled or thorough")
 
 docs: $(READY)
 	@$(RUN) -m pip install --quiet --editable '.[docs]'

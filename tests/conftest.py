@@ -220,9 +220,9 @@ def started():
 
 #: devices by name, and renderers on them, that stay open from test to test
 OPENED, RENDERERS = {}, {}
-#: bytes of a process from which, between modules, what is free is given back to the system, and from which open devices
-#: are closed, with all that they hold of kernels; bytes by which it may grow within a module until what is free goes
-MUCH_RESIDENT, MOST_RESIDENT, MOST_GROWTH = 3 << 28, 1 << 30, 1 << 27
+#: bytes of a process from which, between modules, what is free is given back to the system and open devices are closed,
+#: with all that they hold of kernels; bytes by which it may grow within a module until what is free goes
+MUCH_RESIDENT, MOST_GROWTH = 3 << 28, 1 << 27
 #: bytes of this process when memory was last given back
 after_giving_back = 0
 
@@ -282,7 +282,7 @@ def pytest_runtest_teardown(item, nextitem):
     if resident() < (MUCH_RESIDENT if is_last else max(MUCH_RESIDENT, after_giving_back + MOST_GROWTH)):
         return
     give_back_memory()
-    if is_last and OPENED and resident() > MOST_RESIDENT:
+    if is_last and OPENED and resident() > MUCH_RESIDENT:
         close_devices()
         give_back_memory()
     after_giving_back = resident()

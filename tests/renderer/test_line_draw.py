@@ -260,12 +260,13 @@ def test_nearly_linear_values_have_few_strokes(squares, strokes):
 def test_marks_have_the_nearest_line_on_the_same_surface(run, strokes, flat):
     marks = run(["marks"], flat=flat)["marks"]
     places = np.array([[x, y] for y in range(SIDE) for x in range(SIDE)])
-    expected = np.full(len(places), UNMARKED, np.int64)
-    away = distances(places, strokes["from"], strokes["to"])
     slack = (1 + HALF_WIDTH) * LENGTH
-    near = (away < HALF_WIDTH) & (flat or (np.abs(depths() - DEPTH) <= slack)[:, None])
-    named = ((UNITS * away).astype(np.int64) & ~(NUMBERS - 1)) + strokes["number"]
-    expected = np.minimum(expected, np.where(near, named, UNMARKED).min(axis=1))
+    expected = np.full(len(places), UNMARKED, np.int64)
+    for row in np.arange(len(places)).reshape(SIDE, SIDE):
+        away = distances(places[row], strokes["from"], strokes["to"])
+        near = (away < HALF_WIDTH) & (flat or (np.abs(depths()[row] - DEPTH) <= slack)[:, None])
+        named = ((UNITS * away).astype(np.int64) & ~(NUMBERS - 1)) + strokes["number"]
+        expected[row] = np.where(near, named, UNMARKED).min(axis=1)
     assert np.array_equal(marks == UNMARKED, expected == UNMARKED)
     assert np.abs(marks.astype(np.int64) - expected).max() <= NUMBERS * 2
     assert (marks % NUMBERS == expected % NUMBERS).mean() > 0.99

@@ -5,6 +5,7 @@ solvers; `$` stands before it.  Beneath it are words that must be among what is 
 and names of files, with a `>`, that must be there afterwards.  A status other than 0 stands behind the command.
 """
 
+import asyncio
 import re
 import runpy
 import shlex
@@ -313,7 +314,12 @@ def place(data, tmp_path, monkeypatch):
         (tmp_path / path.name).symlink_to(path)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(running, "has_screen", lambda: False)
-    return tmp_path
+
+    # a browser of other tests may have a loop in this thread, beside which commands could not run theirs
+    loop = asyncio._get_running_loop()
+    asyncio._set_running_loop(None)
+    yield tmp_path
+    asyncio._set_running_loop(loop)
 
 
 def completed(arguments):
