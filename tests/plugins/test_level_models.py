@@ -38,4 +38,4 @@ def test_derivatives_of_errors_shrink_with_boxes():
 
     series, off, none = np.zeros((1, 3, 4, 4, 4)), np.full((1, 3), 1e-3), np.zeros((1, 3))
     wide, narrow = (BoxLeaves((), series, none, off, part, none, 1.0 / part, 6).slope(0, 0) for part in (1.0, 0.25))
-    assert narrow.remainder[:, 0] == pytest.approx(wide.remainder[:, 0] * 0.25 ** np.arange(3), rel=1e-12)
+    assert narrow.remainder[:, 0] == pytest.approx(wide.remainder[:, 0] * 0.25 ** np.arange(3), rel=1e-12, abs=0)
