@@ -38,7 +38,7 @@ FOUND = [
     REMAINDER,
     {"deviation": 3, "around": 3, "extent": 1, "worth": 3, "shift": 3},
     FOLLOWED,
-    {"outcome": 1, "spread": 2, "first": 2, "last": 2},
+    {"within": 1, "beyond": 1, "outcome": 1, "spread": 2, "first": 2, "last": 2},
 ]
 #: first and last column and row of the picture, and of those of its pixels that are drawn
 PICTURE, DRAWN = np.array([[2, 1], [60, 50]]), np.array([[5, 3], [44, 32]])
@@ -303,6 +303,13 @@ def test_bounds_of_rays_match_those_of_numpy(follow):
     check_equal(series, expected, expected)
     check_equal(followed, vars(Followed(cases)), FOLLOWED)
     assert 6 < followed["follows"].sum() < 20
+
+
+def test_points_of_straight_rays_are_within_the_extent(follow):
+    """The sub-element itself, and what the map may be off around it."""
+    found = follow(SubElements(np.random.default_rng(2), 1.0), Looks(np.random.default_rng(20)))
+    assert found["within"].all()
+    assert not found["beyond"].any()
 
 
 def test_fields_along_rays_bend_by_no_more_than_is_stated(follow):
