@@ -109,6 +109,7 @@ def pytest_configure(config):
     config.addinivalue_line(
         "markers", "thorough: seconds of work on what quicker tests cover as well; `make every-test` runs it"
     )
+    config.addinivalue_line("markers", "apart: leaves nothing for the next test: open devices may be closed after it")
     config.addinivalue_line("markers", "own_devices: about opening and closing devices: none is kept open for these")
 
 
@@ -278,7 +279,7 @@ def pytest_runtest_teardown(item, nextitem):
     """Release memory as it grows, and between modules: what all tests free and compile would take gigabytes."""
     global after_giving_back
     yield
-    is_last = nextitem is None or nextitem.path != item.path
+    is_last = nextitem is None or nextitem.path != item.path or item.get_closest_marker("apart") is not None
     if resident() < (MUCH_RESIDENT if is_last else max(MUCH_RESIDENT, after_giving_back + MOST_GROWTH)):
         return
     give_back_memory()

@@ -13,6 +13,7 @@ import pytest
 from click.testing import CliRunner
 from page_blocks import PAGES, ROOT, blocks, commands
 
+pytestmark = pytest.mark.apart
 #: libraries that examples with these words need
 OPTIONAL = {"to_pyvista": "pyvista", "to_meshio": "meshio", "to_xarray": "xarray", "to_pandas": "pandas"}
 
