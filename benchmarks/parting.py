@@ -59,7 +59,8 @@ def counted(dataset: Dataset, scene: Scene, count: int) -> list[str]:
         start = thread_time()
         own, parts[ranks.rank] = what_matters(parts[ranks.rank], [scene]), None
         found = thread_time()
-        drawn, _ = RankPicture(RankPart(own, ranks, {}), completed(dataset, scene), _never).elements()
+        part = RankPart(own, ranks, {}, dataset.mesh.corners)
+        drawn, _ = RankPicture(part, completed(dataset, scene), _never).elements()
         elements = sum(map(len, drawn.mesh.elements.values()))
         return Told(ranks.sent, ranks.messages, elements, found - start, thread_time() - found)
 

@@ -54,7 +54,7 @@ def test_some_ranks_have_no_rows(bent, name, whole, tmp_path):
     def draw(ranks):
         ids = bent.mesh.domain_ids()
         part = portions(bent, [ids[number : number + 1] for number in range(8)])[ranks.rank]
-        own = bent if whole else RankPart(what_matters(part, [scene]), ranks, {})
+        own = bent if whole else RankPart(what_matters(part, [scene]), ranks, {}, bent.mesh.corners)
         with Pictures(own, "vulkan", ranks=ranks) as pictures:
             return pictures.draw(scene)
 

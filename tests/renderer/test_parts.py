@@ -191,7 +191,7 @@ def by_ranks(dataset, scene, parts, folder):
     """What ranks make of a scene, each of which has a part; and how many elements each draws of."""
 
     def draw(ranks):
-        own = RankPart(what_matters(portions(dataset, parts)[ranks.rank], [scene]), ranks, {})
+        own = RankPart(what_matters(portions(dataset, parts)[ranks.rank], [scene]), ranks, {}, dataset.mesh.corners)
         with Pictures(own, "vulkan", ranks=ranks) as pictures:
             frame = pictures.draw(scene)
             return frame, sum(map(len, pictures._renderer.stages.volume.parts))
@@ -239,7 +239,7 @@ def test_figures_of_ranks_match_those_of_one_process(bent, tmp_path):
     parts = along_curve(bent, 2)
 
     def figure(ranks):
-        own = RankPart(what_matters(portions(bent, parts)[ranks.rank], [scene]), ranks, {})
+        own = RankPart(what_matters(portions(bent, parts)[ranks.rank], [scene]), ranks, {}, bent.mesh.corners)
         with Pictures(own, "vulkan", ranks=ranks) as pictures:
             return pictures.draw(scene)
 

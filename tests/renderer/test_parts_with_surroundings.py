@@ -12,11 +12,15 @@ from elvis.core.testing.bending import curved, ripple
 from elvis.core.testing.fields import approximated
 from elvis.core.testing.meshes import grid
 from elvis.core.testing.played_ranks import played
+from elvis.plugins.fourier import FourierBox, write_box
+from elvis.plugins.opening import PluginData
 from elvis.renderer.bricks import Bricks, InMemory
+from elvis.renderer.completing import located
 from elvis.renderer.parts import RankPart, of_ranks
 from elvis.renderer.rendering import Pictures
-from elvis.scene import Camera, CutSurface, Faces, Implicit, Isosurface, Plane, Scene
+from elvis.scene import Camera, Clip, CutSurface, Faces, Implicit, Isosurface, Plane, Scene
 from elvis.scene.errors import SceneError
+from elvis.scene.surfaces import Middle
 
 GIVEN = Camera((2.9, -2.1, 1.9), (0.5, 0.5, 0.5), (0.0, 0.0, 1.0), height=1.8)
 TILTED = Plane((0.5, 0.45, 0.52), (0.3, 0.2, 1.0))
@@ -64,6 +68,15 @@ def by_ranks(dataset, scene, size):
     return played(size, draw)
 
 
+def test_planes_of_ranks_go_through_the_middle_of_the_whole(bent, tmp_path):
+    scene = Scene("u", objects=(CutSurface(Middle("y")),), clip=(Clip(Middle("x")),), size=(24, 20))
+    with Pictures(bent, "vulkan") as pictures:
+        frame = pictures.draw(scene)
+    middle = tuple(bent.mesh.corners.mean(axis=0).tolist())
+    assert frame.scene.objects[0].surface == Plane(middle, (0.0, 1.0, 0.0))
+    assert noted(by_ranks(bent, scene, 2)[0][0], tmp_path) == noted(frame, tmp_path)
+
+
 @pytest.mark.thorough
 @pytest.mark.sampled(least=2, free=("name", "size"))
 @pytest.mark.parametrize("size", [2, 3, 8])
@@ -84,3 +97,14 @@ def test_bricks_have_no_surroundings(bent):
     scene = Scene(field="jump(u)", plane=TILTED, size=(48, 36), memory=1e5)
     with Pictures(Bricks(InMemory(bent), lambda: bent)) as pictures, pytest.raises(SceneError, match="all elements"):
         pictures.draw(scene)
+
+
+def test_planes_go_through_the_middle_of_the_elements_of_plugins(tmp_path):
+    amplitudes = np.ones((2, 2, 2))
+    high = np.array([1.0, 2.0, 4.0])
+    write_box(tmp_path / "box.npz", np.zeros(3), high, ("fourier", "legendre", "legendre"), {"u": amplitudes})
+    box = PluginData("fourier", FourierBox([tmp_path / "box.npz"]))
+    (cut,) = located(Scene("u", objects=(CutSurface(Middle("z")),)), box, None).objects
+    assert cut.surface.normal == (0.0, 0.0, 1.0)
+    # boxes of elements are rounded outwards, to 32 bits
+    assert cut.surface.point == pytest.approx(high / 2, rel=1e-6)

@@ -134,11 +134,13 @@ def test_values_under_the_pointer_match_the_solution(page, viewer, scene):
     page.mouse.move(*canvas_place(page, width // 2, height // 2))
     page.wait_for_function("document.querySelector('.elvis-status output').textContent.includes('certain')")
     text = page.inner_text(".elvis-status output")
-    value = float(text.split("=")[1].split()[0])
-    point = [float(part) for part in text.split("(")[1].split(")")[0].split(",")]
-    found = sample(read(*scene.data), ["u"], [point])
-    assert abs(found["u"][0] - value) < 1e-11
+    picked = page.evaluate("elvis.picked")
+    found = sample(read(*scene.data), ["u"], [picked["position"]])
+    assert abs(found["u"][0] - picked["value"]) < 1e-11
     assert f"element {found.location.element_id[0]} " in text
+    # the row has six digits, "copy all" has the others
+    place = ", ".join(f"{part:.6g}" for part in picked["position"])
+    assert f"u = {picked['value']:.6g} at ({place})" in text
     # a picture that has been replaced has no values
     older = "elvis.ask('pick', {row: 9, column: 9, number: elvis.picture.number - 1})"
     assert page.evaluate(older) is None

@@ -8,6 +8,7 @@ from itertools import combinations
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints
+from elvis.core.axis_planes import box_of
 from elvis.core.dataset import Dataset
 from elvis.core.distances.boundaries import sides_by_name
 from elvis.core.errors import ElvisError
@@ -80,7 +81,7 @@ def check_mirror(dataset: Dataset, before: Sequence[Isometry], point: Floats, no
     before  isometries of the copies that are mirrored
     """
     n = normal / np.linalg.norm(normal)
-    corners = mesh_corners(dataset)
+    corners = box_of(dataset)
     slack = SLACK * float(np.linalg.norm(corners[1] - corners[0]))
     low, high = np.inf, -np.inf
     for direction, offset in {
@@ -106,15 +107,6 @@ def _height(direction: Sequence[float], offset: float) -> Expression:
     return Expression("distance from the mirror", total)
 
 
-def mesh_corners(dataset: Dataset) -> Floats:
-    """(2, 3) corners of the box around the vertices, with periods of Fourier directions."""
-    corners = np.array(dataset.mesh.corners)
-    for name, length in periods(dataset).items():
-        axis = AXES.index(name)
-        corners[1, axis] = max(corners[1, axis], corners[0, axis] + length)
-    return corners
-
-
 def check_overlaps(dataset: Dataset, isometries: Sequence[Isometry]) -> None:
     """Raise ElvisError for copies that overlap.
 
@@ -122,7 +114,7 @@ def check_overlaps(dataset: Dataset, isometries: Sequence[Isometry]) -> None:
     other: an estimate, as a smaller overlap may be missed.
     """
     relative = _relative(isometries)
-    box = mesh_corners(dataset)
+    box = box_of(dataset)
     slack = SLACK * float(np.linalg.norm(box[1] - box[0]))
     near = [(own, pair) for own, pair in relative if _boxes_meet(box, own.box(box), slack)]
     if not near:

@@ -14,8 +14,8 @@ a normal, both of any length; a final :N in seeds is a number of points.
 Surfaces (--cut, --clip, integrate --over, extract):
   plane:P:N                     plane through P; its inside is behind the normal
   z=V                           plane at a coordinate, also x=V and y=V
-  middle:z or z                 plane through the middle of the data, also x and
-                                y (drawing commands)
+  plane:z or z                  plane across an axis through the middle of the
+                                data, also in sections and seeds
   sphere:C:RADIUS               sphere
   cylinder:P:A:RADIUS           infinite cylinder around the axis through P
   cone:APEX:A:DEGREES           cone with its half-angle (drawing commands)

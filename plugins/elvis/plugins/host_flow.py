@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -36,6 +37,7 @@ from elvis.plugins.host_evaluation import (
 from elvis.plugins.host_patch import HostPatch
 from elvis.plugins.opening import PluginData
 from elvis.plugins.serving import names_of, volumes_of
+from elvis.plugins.volume import corners_of_volume
 
 
 class HostFlow(FlowData):
@@ -95,7 +97,8 @@ class HostFlow(FlowData):
                 f"seeds: expected data with a known map, found data opened by the plugin {self.opened.name}: {name}"
             )
 
-        return SeedPlaces(self.names.dimension, locator, velocity.positions, on_boundary, on_curve)
+        corners = partial(corners_of_volume, self.volume)
+        return SeedPlaces(self.names.dimension, locator, velocity.positions, on_boundary, on_curve, corners)
 
     def on_wall(
         self, wall: str, texts: Sequence[str] | None, others: Sequence[Expression]

@@ -275,6 +275,12 @@ class Volume(Protocol):
         ...
 
 
+def corners_of_volume(volume: Volume) -> Floats:
+    """(2, 3) corners of the box of the boxes of all elements."""
+    boxes = np.concatenate([np.asarray(part.boxes, np.float64) for part in volume.parts])
+    return np.stack([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)])
+
+
 def interface_folder() -> Path:
     """The folder of ``volume.slang``, the published interface."""
     return Path(__file__).parent / "shaders"

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, TypeAlias, cast
 
 from elvis.core.arrays import Floats
+from elvis.core.axis_planes import box_of
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.picturing import Kind
@@ -14,16 +15,18 @@ from elvis.core.quantities import Expression
 from elvis.plugins.opening import PluginData
 from elvis.plugins.registry import load, plugins
 from elvis.plugins.serving import names_of, volume_of
+from elvis.plugins.volume import corners_of_volume
 from elvis.renderer.adapters import KINDS
 from elvis.renderer.copy_checks import with_periods
 from elvis.scene import CutSurface, Faces, Glyphs, Plane, Scene, Streamlines
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Frame
-from elvis.scene.middle_planes import unknown_corners, with_middles
+from elvis.scene.middle_planes import with_middles
 from elvis.scene.quantities import quantities, with_velocities
 
 if TYPE_CHECKING:
     from elvis.renderer.bricks import Bricks
+    from elvis.renderer.parts import RankPart
 
 #: what a plugin of ``elvis.devices`` is
 Drawing: TypeAlias = Callable[[Dataset | PluginData, Scene], Frame]
@@ -46,17 +49,18 @@ def default_field(data: Dataset | PluginData) -> str:
     return names[0]
 
 
-def located(scene: Scene, data: Dataset | PluginData, bricks: Bricks | None, *, is_whole: bool) -> Scene:
+def located(scene: Scene, data: Dataset | PluginData, source: Bricks | RankPart | None) -> Scene:
     """The scene with its field, with planes through the middle of the data, and copies by their periods.
 
-    bricks    of which data are a few elements, if they come in bricks
-    is_whole  whether all elements are at hand otherwise; SceneError where the middle is needed, and unknown
+    source  of which data are a few elements, if they come in parts
     """
 
     def corners() -> Floats:
-        if bricks is not None:
-            return bricks.corners
-        return data.mesh.corners if is_whole and isinstance(data, Dataset) else unknown_corners()
+        if source is not None:
+            return source.corners
+        if isinstance(data, Dataset):
+            return box_of(data)
+        return corners_of_volume(volume_of(data, data.fields[:1]))
 
     scene = scene if scene.field else replace(scene, field=default_field(data))
     return with_middles(with_periods(scene, data), corners)

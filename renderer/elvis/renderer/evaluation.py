@@ -32,7 +32,7 @@ from elvis.plugins.evaluation_service import check_volume
 from elvis.plugins.host_flow import HostFlow
 from elvis.plugins.opening import PluginData, call_plugin
 from elvis.plugins.serving import names_of, volume_of
-from elvis.plugins.volume import Part, Volume
+from elvis.plugins.volume import Part, Volume, corners_of_volume
 from elvis.plugins.volume_checks import Samples, probes
 from elvis.renderer.plugin_integrals import PluginIntegration
 from elvis.renderer.rendering import Renderer
@@ -322,5 +322,5 @@ def _jacobian(volume: Volume, sampled: Sequence[Sequence[Samples]]) -> dict[str,
 
 def _box(volume: Volume) -> dict[str, list[float]]:
     """The ends of the elements' boxes."""
-    boxes = np.concatenate([np.asarray(part.boxes, np.float64) for part in volume.parts])
-    return {"lower": boxes[:, :3].min(axis=0).tolist(), "upper": boxes[:, 3:].max(axis=0).tolist()}
+    lower, upper = corners_of_volume(volume).tolist()
+    return {"lower": lower, "upper": upper}

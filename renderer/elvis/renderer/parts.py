@@ -16,6 +16,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from elvis.core.arrays import Floats
+from elvis.core.axis_planes import box_of
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.portions.borrowing import BorrowedRates, borrowing
@@ -30,7 +32,7 @@ from elvis.renderer.request import asked_by
 from elvis.scene import Scene, Streamlines
 from elvis.scene.bare_mesh import of_mesh
 from elvis.scene.errors import SceneError
-from elvis.scene.middle_planes import unknown_corners, with_middles
+from elvis.scene.middle_planes import with_middles
 
 _NONE = np.empty(0, np.int64)
 #: what a rank has opened
@@ -45,11 +47,13 @@ class RankPart:
 
     portion  elements on which pictures depend, with all fields that they evaluate
     beside   other attributes of the data, of which only the names count
+    corners  (2, 3) of the box of all ranks' elements
     """
 
     portion: Portion
     ranks: Ranks
     beside: Mapping[str, Any]
+    corners: Floats
 
     @cached_property
     def dataset(self) -> Dataset:
@@ -87,17 +91,19 @@ def of_ranks(
         data = opened.pop(key)
         if isinstance(data, PluginData):
             raise SceneError(f"data opened by the plugin {data.name} are drawn by one process: run without mpiexec")
-        if isinstance(data, Dataset) and not is_local(data, is_even(data), scenes[key]):
+        corners = box_of(data) if isinstance(data, Dataset) else _corners(data, ranks)
+        placed = _placed(scenes[key], corners)
+        if isinstance(data, Dataset) and not is_local(data, is_even(data), placed):
             found[key] = data
             continue
         own = data if isinstance(data, Portion) else Portion.of_whole(data, ranks.rank, ranks.size)
         del data
-        has_less = is_local(own.dataset, own.is_even, scenes[key])
-        own = borrowing(own, _evaluated(own.dataset, scenes[key]), ranks)
+        has_less = is_local(own.dataset, own.is_even, placed)
+        own = borrowing(own, _evaluated(own.dataset, placed), ranks)
         besides = _names_beside(own)
         if has_less and not for_others:
-            own = what_matters(own, scenes[key])
-        found[key] = RankPart(own.alone, ranks, besides)
+            own = what_matters(own, placed)
+        found[key] = RankPart(own.alone, ranks, besides, corners)
         if not has_less:
             whole[key] = _with_others(own)
         del own
@@ -110,9 +116,22 @@ def of_ranks(
 
 def whole_of(part: Portion, texts: Sequence[str], ranks: Ranks) -> Dataset:
     """The complete data of all ranks' parts, with all inputs of quantities."""
+    corners = _corners(part, ranks)
     part = borrowing(part, texts, ranks)
     every = ranks.exchange(_with_others(part), f"all elements for {', '.join(texts)}")
-    return _whole(RankPart(part.alone, ranks, _names_beside(part)), every)
+    return _whole(RankPart(part.alone, ranks, _names_beside(part), corners), every)
+
+
+def _placed(scenes: Sequence[Scene], corners: Floats) -> list[Scene]:
+    """Scenes with planes through the middle of data whose box has these corners (2, 3)."""
+    return [with_middles(scene, lambda: corners) for scene in scenes]
+
+
+def _corners(part: Portion, ranks: Ranks) -> Floats:
+    """(2, 3) corners of the box of all ranks' parts, some of which may have no elements."""
+    own = box_of(part.dataset) if len(part.dataset.mesh.vertices) else None
+    every = [box for box in ranks.exchange(own, "box of the data") if box is not None]
+    return np.stack([np.min([box[0] for box in every], axis=0), np.max([box[1] for box in every], axis=0)])
 
 
 def _with_others(part: Portion) -> Portion:
@@ -194,7 +213,6 @@ def drawable(portion: Portion) -> Dataset:
 
 def whole_scene(dataset: Dataset, scene: Scene) -> Scene:
     """The scene with its field and its objects."""
-    scene = with_middles(scene, unknown_corners)
     if not scene.field and not dataset.solution:
         scene = of_mesh(scene)
     return completed(dataset, scene if scene.field else replace(scene, field=default_field(dataset)))

@@ -200,7 +200,7 @@ class Pictures:
             raise SceneError("range: series needs the files of a series: expected visible, all or two values")
         if not scene.field and isinstance(data, Dataset) and not data.solution:
             scene, data = of_mesh(scene), replace(data, remarks=(*data.remarks, REMARK))
-        scene = located(scene, data, self._bricks, is_whole=self._part is None)
+        scene = located(scene, data, self._bricks or self._part)
         data = timed(data, scene.time) if isinstance(data, Dataset) else data
         if self._checked != (scene.field, scene.time):
             scene = with_quantity(scene, data)

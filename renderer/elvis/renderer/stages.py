@@ -56,7 +56,7 @@ from elvis.scene import (
 from elvis.scene.errors import AbsentError, SceneError
 from elvis.scene.fitting import surrounding
 from elvis.scene.frame import Status
-from elvis.scene.surfaces import Middle, Surface
+from elvis.scene.surfaces import Placed, placed
 from elvis.scene.view import PlaneView, View
 
 #: part of coordinates and depths within which two hits are one
@@ -285,7 +285,7 @@ class Stages:
     def _cut_call(self, name: str, item: CutSurface, own: str | None) -> DrawCall:
         """A cut by a surface."""
         once = isinstance(item.surface, Plane)
-        draw = partial(self.cut, item.surface, own)
+        draw = partial(self.cut, placed(item.surface), own)
         return DrawCall(name, item.style, own, draw, bool(item.style.lit), once, item.surface)
 
     def _levels(self, names: Sequence[str], item: Isosurface, scene: Scene, leaves_absent: bool) -> Iterator[DrawCall]:
@@ -358,12 +358,11 @@ class Stages:
         every = [traversal.rounding(n, own, value).max(initial=0.0) for n in range(len(self.loaded.parts))]
         return float(max(every, default=0.0))
 
-    def cut(self, surface: Surface, quantity: str | None, view: View, beyond: Floats | None) -> HitBuffer:
+    def cut(self, surface: Placed, quantity: str | None, view: View, beyond: Floats | None) -> HitBuffer:
         """The intersection of a surface with the volume."""
         if isinstance(surface, Implicit):
             hits = self._at_level(view, surface.expression, 0.0, beyond)
             return self.resampled(hits, surface.expression, quantity, view)
-        assert not isinstance(surface, Middle), "the data are known"
         if not isinstance(surface, Plane):
             return self.resampled(self.solids.draw(view, surface, beyond), None, quantity, view)
         sight = PlaneView.on(view, surface)
@@ -444,20 +443,20 @@ class Stages:
         room = CLOSE * self.loaded.extent
         around = np.zeros(len(hit)) if hits.uncertainty is None else hits.uncertainty[hit]
         for clip in clips:
-            if isinstance(clip.surface, Implicit):
-                distance, close = self._height(hits, clip.surface.expression, hit)
+            surface = placed(clip.surface)
+            if isinstance(surface, Implicit):
+                distance, close = self._height(hits, surface.expression, hit)
                 near = np.abs(distance) <= 2.0 * close
             else:
                 # points on the surface remain, and so do points within rounding of it
-                assert not isinstance(clip.surface, Middle), "the data are known"
-                distance, close = outside(clip.surface, points), np.full(len(hit), room)
+                distance, close = outside(surface, points), np.full(len(hit), room)
                 away = -distance if clip.away == "inside" else distance
                 near = (away > 0.01 * room) & (away <= 2.0 * room) | (np.abs(distance) <= around) & (around > room)
             beyond = -distance if clip.away == "inside" else distance
             gone[hit] |= beyond > close
             unsure[hit] |= near
             # only distances of planes are true distances
-            room_left = np.maximum(-beyond, 0.0) if isinstance(clip.surface, Plane) else 0.0
+            room_left = np.maximum(-beyond, 0.0) if isinstance(surface, Plane) else 0.0
             clear[hit] = np.minimum(clear[hit], room_left)
         return gone, unsure, clear
 

@@ -128,4 +128,13 @@ class Middle(Model, of="a plane through the middle"):
 
 #: surfaces that rays meet without any data
 Solid: TypeAlias = Plane | Sphere | Cylinder | Cone | TriangleMesh
-Surface: TypeAlias = Solid | Implicit | Middle
+#: surfaces with a place in space
+Placed: TypeAlias = Solid | Implicit
+Surface: TypeAlias = Placed | Middle
+
+
+def placed(surface: Surface) -> Placed:
+    """The surface; SceneError for a plane through the middle of data that are not known (see `with_middles`)."""
+    if isinstance(surface, Middle):
+        raise SceneError("plane: the middle of these data is not known: give a coordinate, such as z=0.2")
+    return surface

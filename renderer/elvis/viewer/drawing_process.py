@@ -179,6 +179,7 @@ class _Drawing:
 
     def _facts(self, _: int, __: Any) -> Table:
         """Choices that the page offers: quantities, boundaries, bounding box of the data."""
+        from elvis.core.axis_planes import box_of
         from elvis.core.copied_domains import periods
         from elvis.core.dataset import Dataset
         from elvis.core.distances.boundaries import bodies, names_of_boundaries
@@ -212,7 +213,7 @@ class _Drawing:
                 facts.update(_facts_of_bodies(bodies(data.mesh)))
                 facts["wall_field"] = wall_field(names.fields)
                 facts["contents"] = contents_of(data)
-            facts["box"] = (self._data if isinstance(self._data, Bricks) else data.mesh).corners.tolist()
+            facts["box"] = (self._data.corners if isinstance(self._data, Bricks) else box_of(data)).tolist()
             facts["remarks"] = list(data.remarks)
         return facts
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,7 @@ from elvis.core.arguments import (
     step_option,
     time_option,
 )
+from elvis.core.axis_planes import box_of, point_and_normal
 from elvis.core.errors import ElvisError
 
 if TYPE_CHECKING:
@@ -64,7 +66,10 @@ _LINES = (".vtp", ".vtu")
 )
 @click.option("--boundary", multiple=True, metavar="NAME", help="Name of a boundary, or all for all outer faces.")
 @click.option(
-    "--plane", multiple=True, metavar="P:N|z=V", help="Plane through P with normal N, such as 0,0,0.5:0,0,1, or z=0.5."
+    "--plane",
+    multiple=True,
+    metavar="P:N|z=V|z",
+    help="Plane through P with normal N, such as 0,0,0.5:0,0,1, or z=0.5.",
 )
 @click.option(
     "--cut",
@@ -434,7 +439,7 @@ def _write_plane(dataset: Dataset, text: str, output: Path, texts: tuple[str, ..
     if not any(block.expansion.homogeneous for own in dataset.fields for block in own.blocks):
         known = ", ".join(SUFFIXES)
         raise ElvisError(f"{output}: expected a name ending in {known}, as the data have no Fourier direction")
-    axis, place = _across(text)
+    axis, place = _across(point_and_normal(text, partial(box_of, dataset)))
     found = fourier_plane(dataset, axis, place)
     unknown = [name for name in texts if name not in dataset]
     if unknown or as_json:
@@ -448,10 +453,7 @@ def _across(text: str) -> tuple[str, float]:
     """The axis that a plane is at right angles to, and where it cuts it; raises ElvisError for a plane across none."""
     from elvis.core.arguments import triples
 
-    name, equals, value = (part.strip() for part in text.partition("="))
     try:
-        if equals:
-            return name, float(value)
         point, normal = triples(text, 2)
     except ValueError:
         raise ElvisError(f"--plane: expected P:N or z=0.5, found {text!r}") from None

@@ -8,6 +8,7 @@ from typing import Any, overload
 
 import numpy as np
 
+from elvis.core.axis_planes import needs_box
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.files.columns import Columns
@@ -206,11 +207,11 @@ def comes_apart(
     """Whether integrals are sums of integrals over the ranks' parts of a dataset.
 
     This is not the case for quantities that depend on elements farther away than parts borrow; for isosurfaces, which
-    are moved according to jumps of fields; along curves; and on boundaries inside the data, where one of two elements
-    represents a side.
+    are moved according to jumps of fields; along curves; on planes through the middle of the data; and on boundaries
+    inside the data, where one of two elements represents a side.
     dataset  data of a rank; the result covers all ranks.  All else as in `integrate`
     """
-    if any(is_line(name) or name.startswith(ELEMENT) for name in over):
+    if any(is_line(name) or name.startswith(ELEMENT) or needs_box(name) for name in (*over, clip or DOMAIN)):
         return False
     wanted = evaluated(dataset, field, coefficients)
     levels = [level for name in over if (level := Level.parse(dataset, name)) is not None]

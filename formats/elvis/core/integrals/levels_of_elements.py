@@ -9,6 +9,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.axis_planes import box_of
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.integrals.coincident import Sides, Turned, turned
@@ -26,7 +27,7 @@ from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.expression_nets import NetsOf, lattice_of, places_of
 from elvis.core.quantities.regions import Region, defined_side, of_polynomial, side
-from elvis.core.quantities.tree import Node, call, fold, jump_name, negative, number
+from elvis.core.quantities.tree import AXES, Node, call, fold, jump_name, negative, number
 from elvis.core.ranks import Ranks
 from elvis.core.shapes import Shape
 
@@ -224,7 +225,8 @@ def _inside(boxes: CellBoxes) -> Floats:
 
 def _surface(dataset: Dataset, name: str) -> tuple[Node, float] | None:
     """An expression and its value on a surface of a name; None for other names, ElvisError for wrong ones."""
-    surface = quadric(name)
+    is_axis = name in AXES and name not in dataset.mesh.named_parts()
+    surface = quadric(f"plane:{name}" if is_axis else name, partial(box_of, dataset))
     if surface is not None:
         return surface, 0.0
     text, equals, value = name.rpartition("=")

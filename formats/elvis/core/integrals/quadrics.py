@@ -7,20 +7,21 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from elvis.core.arrays import Floats
-from elvis.core.axis_planes import with_normals
+from elvis.core.axis_planes import Corners, with_normals
 from elvis.core.errors import ElvisError
 from elvis.core.quantities.tree import Node, call, coordinate, number
 
 
-def quadric(name: str) -> Node | None:
+def quadric(name: str, corners: Corners | None = None) -> Node | None:
     """The expression that is zero on ``KIND:PARTS``, one of `_KINDS`.
 
+    corners  of the box whose middle ``plane:z`` goes through
     None for other kinds; raises ElvisError for invalid parts.
 
     A plane gives the height above it, for any length of its normal; a sphere or cylinder gives the squared distance
     from the centre or axis, minus the squared radius.
     """
-    kind, colon, rest = with_normals(name).partition(":")
+    kind, colon, rest = with_normals(name, corners).partition(":")
     # without a colon it may be the name of a boundary
     if not colon or kind not in _KINDS:
         return None

@@ -18,13 +18,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints
-from elvis.core.axis_planes import with_normals
+from elvis.core.axis_planes import Corners, box_of, with_normals
 from elvis.core.dataset import Dataset
 from elvis.core.distances.boundaries import ALL
 from elvis.core.errors import ElvisError
@@ -56,6 +57,7 @@ class SeedPlaces:
     on_boundary  (n, 3) centres of k x k equal parts of each side of a boundary by its name, k of each edge in 2D;
                  raises ElvisError for an unknown name
     on_curve     (n, 3) equidistant points of a curve by its name; raises ElvisError for an unknown name
+    corners      of the box of the data
     """
 
     dimension: int
@@ -63,6 +65,7 @@ class SeedPlaces:
     positions: Callable[[Ints, Ints, Floats], Floats]
     on_boundary: Callable[[str, int], Floats]
     on_curve: Callable[[str, int], Floats]
+    corners: Corners
 
     @staticmethod
     def of(dataset: Dataset, locator: Locator, patches: Sequence[Patch] | None = None) -> SeedPlaces:
@@ -85,7 +88,8 @@ class SeedPlaces:
         def on_curve(name: str, count: int) -> Floats:
             return points_along(dataset, name, count)
 
-        return SeedPlaces(Names.of(dataset).dimension, locator, positions, on_boundary, on_curve)
+        corners = partial(box_of, dataset)
+        return SeedPlaces(Names.of(dataset).dimension, locator, positions, on_boundary, on_curve, corners)
 
 
 def seed_points(places: SeedPlaces, seeds: Any, random: int = 0) -> Floats:
@@ -123,7 +127,8 @@ class _Reader:
 
     def points(self, text: str) -> Floats:
         """(n, 3) the points of one text."""
-        kind, _, rest = (f"random:{text}" if text.isdecimal() else with_normals(text)).partition(":")
+        known = f"random:{text}" if text.isdecimal() else with_normals(text, self.places.corners)
+        kind, _, rest = known.partition(":")
         if kind in CURVES:
             return self._curve(text)
         if kind not in self._kinds:

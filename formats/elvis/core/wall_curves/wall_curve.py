@@ -10,12 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.axis_planes import point_and_normal
+from elvis.core.axis_planes import box_of, point_and_normal
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.files.columns import Columns
@@ -220,7 +220,7 @@ def curves_with(dataset: Dataset, name: str, evaluator: Evaluator) -> list[WallC
         pieces = _sides(dataset, evaluator, rest, 2, name)
         kinds, axis, plane = [_edges(pieces)], np.array([0.0, 0.0, 1.0]), None
     else:
-        boundary, point, axis = _plane(rest, name)
+        boundary, point, axis = _plane(dataset, rest, name)
         pieces = _sides(dataset, evaluator, boundary, 3, name)
         found = section(pieces, point, axis)
         _check(found, name, boundary)
@@ -245,11 +245,11 @@ def wall_sides(dataset: Dataset, evaluator: Evaluator, boundary: str, name: str)
     return pieces
 
 
-def _plane(text: str, name: str) -> tuple[str, Floats, Floats]:
+def _plane(dataset: Dataset, text: str, name: str) -> tuple[str, Floats, Floats]:
     """The boundary, and the point (3,) and normal (3,) of the plane, from a text NAME:plane:P:N."""
     boundary, found, numbers = text.rpartition(":plane:")
     try:
-        parts = point_and_normal(numbers).split(":")
+        parts = point_and_normal(numbers, partial(box_of, dataset)).split(":")
         point, normal = (np.array([float(x) for x in part.split(",")]) for part in parts)
         if not found or not boundary or not point.shape == normal.shape == (3,):
             raise ValueError

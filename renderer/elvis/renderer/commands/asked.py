@@ -48,10 +48,13 @@ class Asked:
     def comes_apart(self, dataset: Dataset) -> bool:
         """Whether elements of ranks are enough."""
         from elvis.core.arguments import expressions
+        from elvis.core.axis_planes import needs_box
         from elvis.core.integrals.levels_of_elements import Level
 
         if dataset.deformation is not None and dataset.deformation.is_height:
             # the height at a point comes from its own element
+            return False
+        if self.clip and needs_box(self.clip):
             return False
         level = [Level.clip(dataset, self.clip).expression] if self.clip else []
         return all(each.is_borrowed for each in (*expressions(dataset, self.texts), *level))

@@ -89,9 +89,9 @@ Examples:
 @curve_options
 @click.option(
     "--plane",
-    metavar="P:U:V|z=V",
+    metavar="P:U:V|z=V|z",
     type=TextType(spanned),
-    help="Points P + s U + t V with s and t from 0 to 1; z=V covers the bounding box of the data.",
+    help="Points P + s U + t V with s and t from 0 to 1; z=V and z cover the bounding box of the data.",
 )
 @click.option("--grid", metavar="NXxNYxNZ", type=TextType(grid_counts), help="Points of a regular grid, x fastest.")
 @click.option("--box", metavar="LOW:HIGH", type=_PAIR, help="Corners of the grid.  [default: those of the data]")

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING
 
 import click
 
 from elvis.core.arguments import Triple, triples
-from elvis.core.axis_planes import point_and_normal
+from elvis.core.axis_planes import box_of, is_across_axis, point_and_normal
 from elvis.core.errors import ElvisError
 
 if TYPE_CHECKING:
@@ -48,8 +49,8 @@ def grid_counts(value: str) -> tuple[int, ...]:
 
 
 def spanned(value: str) -> tuple[Triple, ...] | str:
-    """``P:U:V`` as three triples; ``z=0.2`` unchanged, since its ends depend on the data."""
-    return value if point_and_normal(value) != value else triples(value, 3)
+    """``P:U:V`` as three triples; ``z=0.2`` and ``z`` unchanged, since its ends depend on the data."""
+    return value if is_across_axis(value) else triples(value, 3)
 
 
 def chosen_points(
@@ -100,6 +101,13 @@ def _box_of(source: Source) -> tuple[Triple, Triple]:
     return (lower[0], lower[1], lower[2]), (upper[0], upper[1], upper[2])
 
 
+def _corners(source: Source) -> Floats:
+    """(2, 3) corners of the box whose middle planes across an axis go through, the same as in pictures."""
+    import numpy as np
+
+    return np.array(_box_of(source)) if source.dataset is None else box_of(source.dataset)
+
+
 def points_of_grid(grid: Grid) -> Floats:
     """(n, 3) its points; ElvisError for more than a table holds."""
     count = math.prod(grid.counts)
@@ -109,9 +117,9 @@ def points_of_grid(grid: Grid) -> Floats:
 
 
 def across_box(source: Source, text: str) -> tuple[Triple, Triple, Triple]:
-    """The corner and the sides of a plane across an axis, such as ``z=0.2``, that spans the box of the data."""
-    point, normal = triples(point_and_normal(text), 2)
+    """The corner and the sides of a plane across an axis, ``z=0.2`` or ``z``, that spans the box of the data."""
     lower, upper = _box_of(source)
+    point, normal = triples(point_and_normal(text, partial(_corners, source)), 2)
     across = normal.index(1.0)
     corner = [point[axis] if axis == across else lower[axis] for axis in range(3)]
     sides = []

@@ -41,10 +41,11 @@ def cutting_plane(text: str) -> scene.Plane | Middle:
 def surface(text: str) -> scene.Surface:
     """A surface from its kind and parameters: ``sphere:x,y,z:radius``, ``mesh:FILE``, ``implicit:EXPRESSION``.
 
-    A bare ``z=0.2`` is a plane, a bare ``z`` the one through the middle; SURFACES lists the kinds.
+    A bare ``z=0.2`` is a plane, a bare ``z`` or ``plane:z`` the one through the middle; SURFACES lists the kinds.
     """
-    if text.strip() in AXES:
-        return Middle(text.strip())
+    axis = text.removeprefix("plane:").strip()
+    if axis in AXES:
+        return Middle(axis)
     is_plane = point_and_normal(text) != text
     kind, _, rest = with_normals(f"plane:{text}" if is_plane else text).partition(":")
     check(kind in SURFACES and rest, "a surface", f"{', '.join(SURFACES)} and a colon", repr(text))

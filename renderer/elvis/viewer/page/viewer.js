@@ -3250,6 +3250,7 @@ class Viewer {
     this.isPicking = false;
   }
 
+  // six digits in the row below the picture; *copy all* has the others
   tell(found) {
     if (!found || found.element < 0) {
       this.values.textContent = "";
@@ -3257,9 +3258,9 @@ class Viewer {
     }
     this.picked = found;
     this.copyAll.hidden = false;
-    const place = found.position.map(String).join(", ");
-    const more = (found.order ?? null) === null ? "" : `  order ${found.order}  Jacobian ${found.jacobian}`;
-    this.values.textContent = `${found.field} = ${found.value ?? "not a number"}  at (${place})  element ${found.element}${more}  ${found.status}`;
+    const place = found.position.map(short).join(", ");
+    const more = (found.order ?? null) === null ? "" : `  order ${found.order}  Jacobian ${short(found.jacobian)}`;
+    this.values.textContent = `${found.field} = ${short(found.value ?? "not a number")}  at (${place})  element ${found.element}${more}  ${found.status}`;
   }
 
   // six digits of the value next to the pointer
