@@ -11,7 +11,6 @@ The steps are about one period of the vortices after these have settled.  Takes 
 from __future__ import annotations
 
 import argparse
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -20,8 +19,7 @@ import ngsolve as ng
 from netgen.occ import Circle, OCCGeometry, Rectangle
 from ngsolve import div, dx
 
-from elvis import read, write
-from elvis.converters.ngsolve_export import export
+import elvis
 
 ROOT = Path(__file__).resolve().parent.parent
 #: of the solver: step in time, viscosity; of what is retained: first and last time, steps
@@ -99,14 +97,11 @@ def main() -> None:
 
 def _write(mesh: Any, fields: dict[str, Any], time: float, folder: Path, number: int) -> None:
     """A step, with the mesh next to the first."""
-    with tempfile.TemporaryDirectory() as scratch:
-        samples = Path(scratch, "step.elems.npz")
-        export(samples, mesh, fields, time=round(time, 9))
-        dataset = read(samples, cache=False)
+    dataset = elvis.from_ngsolve(mesh, fields, time=round(time, 9))
     if number == 0:
-        write(dataset, folder / "street.xml", folder / "street_0.chk")
+        elvis.write(dataset, folder / "street.xml", folder / "street_0.chk")
     else:
-        write(dataset, field_path=folder / f"street_{number}.chk")
+        elvis.write(dataset, field_path=folder / f"street_{number}.chk")
     print(f"time {time:.3f}: {folder / f'street_{number}.chk'}", flush=True)
 
 

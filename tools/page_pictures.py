@@ -32,11 +32,10 @@ def main(arguments: list[str]) -> None:
 
 def commands(text: str) -> Iterator[tuple[str, list[str]]]:
     """Each picture that a page shows, with the command that draws it."""
-    lines = [
-        shlex.split(line) for block in BLOCK.findall(text) for line in block.replace("\\\n", "").splitlines() if line
-    ]
+    lines = [line for block in BLOCK.findall(text) for line in block.replace("\\\n", "").splitlines()]
     for picture in dict.fromkeys(SHOWN.findall(text)):
-        yield picture, next(words for words in lines if picture in words)
+        # other commands may go on over lines, which are no words by themselves
+        yield picture, shlex.split(next(line for line in lines if line.endswith(f" {picture}")))
 
 
 def draw(folder: Path, picture: str, words: list[str]) -> None:

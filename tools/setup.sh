@@ -67,4 +67,7 @@ if ! .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-co
     exit 1
 fi
 
+# editors that check types see one package
+.venv/bin/python tools/checkout_package.py .venv/package
+
 sh tools/vulkan.sh

@@ -455,7 +455,7 @@ def _across(text: str) -> tuple[str, float]:
 
     try:
         point, normal = triples(text, 2)
-    except ValueError:
+    except (ValueError, click.BadParameter):
         raise ElvisError(f"--plane: expected P:N or z=0.5, found {text!r}") from None
     axes = [axis for axis, own in enumerate(normal) if own]
     if len(axes) != 1:
