@@ -26,6 +26,7 @@ from elvis import (
     render,
     write,
 )
+from elvis.core.mesh import Composite
 from elvis.core.testing import approximated, grid
 from elvis.scene.commandline.composing import composed
 from elvis.scene.commandline.options import scene_options
@@ -150,6 +151,20 @@ def test_an_axis_is_the_plane_through_the_middle(cube):
         assert [own.surface for own in frame.scene.clip] == [Plane(point, (1.0, 0.0, 0.0))] * clips
     with pytest.raises(SceneError, match="axis of a plane through the middle: expected x, y or z, found 't'"):
         Middle("t")
+
+
+@pytest.mark.parametrize("device", ["vulkan", "reference"])
+def test_faces_of_2d_data_are_elements(device):
+    square = Dataset(grid(Shape.QUADRILATERAL, 2))
+    ids = square.mesh.domain_ids()
+    own = Composite(7, (("Q", ids[:1]),), "corner")
+    square = Dataset(replace(square.mesh, composites=(*square.mesh.composites, own)))
+    look = {"camera": Camera((0.5, 0.5, 1.0), (0.5, 0.5, 0.0), (0.0, 1.0, 0.0), height=1.0), "size": (16, 16)}
+    frame = render(square, "x", faces=f"region:corner,element:{ids[3]}", **look, device=device)
+    seen, counts = np.unique(frame.element, return_counts=True)
+    assert dict(zip(seen.tolist(), counts.tolist(), strict=True)) == {-1: 128, int(ids[0]): 64, int(ids[3]): 64}
+    with pytest.raises(SceneError, match=r"faces of 2D data are their elements: expected all, .*, found 'boundary'"):
+        render(square, "x", faces="boundary", **look, device=device)
 
 
 def test_styles_apply_to_every_object():

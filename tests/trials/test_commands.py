@@ -151,7 +151,7 @@ velocity_z needs 3 coordinates, and the data have 2
 $ elvis norms blocks.xml blocks.fld --field speed [1]
 speed needs a velocity
 $ elvis render step.xml --faces Wall [1]
-2D data are drawn completely, in their own plane: expected no faces except all, found 'Wall'
+faces of 2D data are their elements: expected all, element:NAME, shape:NAME, region:NAME, found 'Wall'
 $ elvis norms step.xml --field 'distance(Wal)' [1]
 (perhaps Wall)
 $ elvis norms step.xml --field 'distance(Wall)'

@@ -1,5 +1,6 @@
 """The tree of data: contents of the files, parts that are shown, hidden and coloured, and the order of objects."""
 
+from dataclasses import replace
 from io import BytesIO
 
 import numpy as np
@@ -8,6 +9,7 @@ from driving import change, picture, settled
 from PIL import Image
 
 from elvis import Dataset, Scene, Shape, read, write
+from elvis.core.mesh import Composite
 from elvis.core.testing import approximated, grid
 from elvis.scene.tables import scene_of
 from elvis.viewer.contents import contents_of
@@ -50,10 +52,42 @@ def test_boundaries_are_shown_hidden_and_coloured(page, viewer, tree):
     assert tree.get_by_role("button", name="hide boundary").is_disabled()
 
 
-def test_boundaries_of_2d_data_are_lines(start, browser, tmp_path):
-    mesh = grid(Shape.QUADRILATERAL, 1)
+def squares(folder):
+    """Files of a square of two regions, the left and the right half."""
+    mesh = grid(Shape.QUADRILATERAL, 2)
+    (cells,) = mesh.elements.values()
+    is_left = [mesh.vertices[np.unique(mesh.of(Shape.SEGMENT).members[own])][:, 0].max() < 0.9 for own in cells.members]
+    halves = [("left", cells.ids[is_left]), ("right", cells.ids[~np.array(is_left)])]
+    regions = tuple(Composite(n, (("Q", ids),), name) for n, (name, ids) in enumerate(halves))
+    boundary = replace(next(own for own in mesh.composites if own.name == "boundary"), id=2)
+    mesh = replace(mesh, composites=(*regions, boundary), domains={0: (0, 1)})
     data = Dataset(mesh, (approximated(Dataset(mesh), "u", lambda x: x[:, 0], 2),))
-    viewer = start(Scene("u", data=tuple(map(str, write(data, tmp_path / "square.xml"))), size=(200, 160)))
+    return tuple(map(str, write(data, folder / "square.xml")))
+
+
+def test_regions_of_2d_data_are_hidden_and_coloured(start, browser, tmp_path):
+    viewer = start(Scene("u", data=squares(tmp_path), size=(200, 160)))
+    page = browser.new_page()
+    page.goto(viewer.address)
+    settled(page, viewer)
+    page.get_by_label("colour of left").fill("#ff0000")
+    settled(page, viewer)
+    assert objects(viewer) == [("faces", ("region:right",)), ("faces", ("region:left",))]
+    red = (np.asarray(Image.open(BytesIO(picture(viewer))).convert("RGB")) == (255, 0, 0)).all(axis=2)
+    assert 0.2 < red.mean() < 0.8
+    page.get_by_role("button", name="hide left").click()
+    settled(page, viewer)
+    assert objects(viewer) == [("faces", ("region:right",))]
+    # without elements there would be no picture
+    assert page.get_by_role("button", name="hide right").is_disabled()
+    page.get_by_role("button", name="show left").click()
+    settled(page, viewer)
+    assert objects(viewer) == [("faces", ("all",))]
+    page.close()
+
+
+def test_boundaries_of_2d_data_are_lines(start, browser, tmp_path):
+    viewer = start(Scene("u", data=squares(tmp_path), size=(200, 160)))
     page = browser.new_page()
     page.goto(viewer.address)
     settled(page, viewer)

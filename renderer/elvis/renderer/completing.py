@@ -22,12 +22,15 @@ from elvis.scene import CutSurface, Faces, Glyphs, Plane, Scene, Streamlines
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Frame
 from elvis.scene.middle_planes import with_middles
+from elvis.scene.objects import SceneObject
 from elvis.scene.quantities import quantities, with_velocities
 
 if TYPE_CHECKING:
     from elvis.renderer.bricks import Bricks
     from elvis.renderer.parts import RankPart
 
+#: how names of elements begin among those of faces
+ELEMENT_WORDS = ("element:", "shape:", "region:")
 #: what a plugin of ``elvis.devices`` is
 Drawing: TypeAlias = Callable[[Dataset | PluginData, Scene], Frame]
 
@@ -96,16 +99,28 @@ def arranged(scene: Scene, kind: Kind) -> Scene:
         ground = Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
         if not scene.every_object:
             return replace(scene, plane=ground)
-        named = [
-            name for item in scene.every_object if isinstance(item, Faces) for name in item.select if name != "all"
-        ]
-        if named:
-            raise SceneError(
-                f"2D data are drawn completely, in their own plane: expected no faces except all, found {named[0]!r}"
-            )
+        _check_faces(scene)
         if any(isinstance(item, CutSurface) and item.surface != ground for item in scene.every_object):
             raise SceneError("2D data are drawn in their own plane: remove the cut plane")
-        objects = [CutSurface(ground, item.style) if isinstance(item, Faces) else item for item in scene.objects]
-        camera = "top" if scene.camera == "fit" and len(scene.every_object) > 1 else scene.camera
-        return replace(scene, objects=tuple(objects), camera=camera)
+        objects = tuple(_in_plane(item, ground) for item in scene.objects)
+        shown = replace(scene, objects=objects)
+        return shown if shown.only_plane or scene.camera != "fit" else replace(shown, camera="top")
     return scene if scene.every_object else replace(scene, objects=(Faces(),))
+
+
+def _check_faces(scene: Scene) -> None:
+    """Raise SceneError for faces of 2D data that are not their elements."""
+    for item in scene.every_object:
+        for name in item.select if isinstance(item, Faces) else ():
+            if name != "all" and not name.startswith(ELEMENT_WORDS):
+                known = ", ".join(f"{word}NAME" for word in ELEMENT_WORDS)
+                raise SceneError(f"faces of 2D data are their elements: expected all, {known}, found {name!r}")
+
+
+def _in_plane(item: SceneObject, ground: Plane) -> SceneObject:
+    """An object of a scene of 2D data: all elements are a cut by their plane, and some are unlit as it is."""
+    if not isinstance(item, Faces):
+        return item
+    if "all" in item.select:
+        return CutSurface(ground, item.style)
+    return replace(item, style=replace(item.style, lit=bool(item.style.lit)))

@@ -328,8 +328,10 @@ class Controls {
     const read = (text) => text.split(/[\s,;]+/).filter(Boolean).map((one) => (isText ? one : Number(one)));
     const field = make("input", { id, type: "text", value: value.map(short).join(", "), spellcheck: false,
       onchange: (e) => set(read(e.target.value)) });
-    if (key !== "select" || !this.facts?.boundaries?.length) return field;
-    const boxes = ["all", ...this.facts.boundaries].map((name) => make("label", {}, make("input", { type: "checkbox", checked: value.includes(name),
+    const { boundaries = [], kind, contents } = this.facts ?? {};
+    const parts = kind === "plane" ? Object.keys(contents?.regions ?? {}).map((name) => `region:${name}`) : boundaries;
+    if (key !== "select" || !parts.length) return field;
+    const boxes = ["all", ...parts].map((name) => make("label", {}, make("input", { type: "checkbox", checked: value.includes(name),
       onchange: (e) => set(ticked(value, name, e.target.checked)) }), ` ${name} `));
     return make("div", {}, field, ...boxes);
   }
@@ -2321,7 +2323,7 @@ const hexOf = (color) => `#${color.slice(0, 3).map((part) => Math.round(255 * pa
 const colorOf = (hex) => [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16) / 255);
 
 // Boundaries and regions as parts of the objects `faces`: which objects show a part, and the objects that show it otherwise.
-// Boundaries of 2D data are lines on the whole domain, each an object of its own.
+// Boundaries of 2D data are lines on the domain, each an object of its own; regions are its elements.
 class ShownParts {
   constructor(viewer) {
     this.viewer = viewer;
@@ -2335,45 +2337,67 @@ class ShownParts {
     return this.viewer.facts.boundaries;
   }
 
+  get regions() {
+    return Object.keys(this.viewer.facts.contents?.regions ?? {}).map((name) => `region:${name}`);
+  }
+
   get areLines() {
     return this.viewer.facts.kind === "plane";
   }
 
+  // whether a part is a line on the domain
+  isLine(name) {
+    return this.areLines && !name.startsWith("region:");
+  }
+
+  // whether an object shows faces, or elements of 2D data, all of which are also a cut
+  hasFaces(object) {
+    return object.kind === "faces" || (this.areLines && object.kind === "cut");
+  }
+
   // whether an object shows a part, by its name in `select`
   shows(object, name) {
-    return this.areLines ? object.along === `boundary:${name}` : object.kind === "faces" && this.names(object).includes(name);
+    return this.isLine(name) ? object.along === `boundary:${name}` : this.hasFaces(object) && this.names(object).includes(name);
   }
 
   owner(name) {
     return this.objects.find((object) => this.shows(object, name));
   }
 
-  // names of the parts that faces show, "all" by the names of the boundaries
+  // names of the parts that faces show, "all" by the names of the boundaries, in 2D data of the regions
   names({ select = ["all"] }) {
-    return select.flatMap((name) => (name === "all" && this.boundaries.length ? this.boundaries : [name]));
+    const every = this.areLines ? this.regions : this.boundaries;
+    return select.flatMap((name) => (name === "all" && every.length ? every : [name]));
   }
 
   without(name) {
-    if (this.areLines) return this.objects.filter((object) => !this.shows(object, name));
+    if (this.isLine(name)) return this.objects.filter((object) => !this.shows(object, name));
     const objects = this.objects.map((object) => {
       if (!this.shows(object, name)) return object;
-      return { ...object, select: this.names(object).filter((one) => one !== name) };
+      const { surface: _, ...rest } = object;
+      return { ...rest, kind: "faces", select: this.names(object).filter((one) => one !== name) };
     });
     return objects.filter((object) => object.kind !== "faces" || (object.select ?? ["all"]).length);
   }
 
   // objects that also show a part, in a style
   with(objects, name, style) {
-    if (this.areLines) return [...objects, { kind: "streamlines", along: `boundary:${name}`, width: LINE_WIDTH, style: style ?? { color: LINE } }];
+    if (this.isLine(name)) return [...objects, { kind: "streamlines", along: `boundary:${name}`, width: LINE_WIDTH, style: style ?? { color: LINE } }];
     const text = JSON.stringify(style ?? {});
     const at = objects.findIndex((object) => object.kind === "faces" && JSON.stringify(object.style ?? {}) === text);
     if (at < 0) return [...objects, { kind: "faces", select: [name], ...(Object.keys(style ?? {}).length ? { style } : {}) }];
-    return objects.map((object, i) => (i === at ? { ...object, select: [...(object.select ?? ["all"]), name] } : object));
+    return objects.map((object, i) => (i === at ? { ...object, select: this.joined([...(object.select ?? ["all"]), name]) } : object));
   }
 
-  // a picture without any object would show everything
+  // names of parts; all elements of 2D data are "all"
+  joined(names) {
+    return this.areLines && this.regions.every((one) => names.includes(one)) ? ["all"] : names;
+  }
+
+  // a picture without any object would show everything, and lines alone have no field
   isLast(name) {
-    return !this.without(name).length;
+    const rest = this.without(name);
+    return !rest.length || (this.areLines && !this.isLine(name) && !rest.some((object) => this.hasFaces(object)));
   }
 
   toggle(name) {
@@ -2421,7 +2445,7 @@ class DataTree {
     if (!contents) return rows;
     const canHide = kind === "solid", isPlane = kind === "plane";
     rows.push(this.elements(contents), this.orders(contents), ...this.time(contents));
-    rows.push(this.branch("boundaries", contents.boundaries, (name) => name, canHide || isPlane), this.branch("regions", contents.regions, (name) => `region:${name}`, canHide));
+    rows.push(this.branch("boundaries", contents.boundaries, (name) => name, canHide || isPlane), this.branch("regions", contents.regions, (name) => `region:${name}`, canHide || isPlane));
     return [...rows.filter(Boolean), ...this.remarks()];
   }
 
