@@ -201,47 +201,47 @@ def borders(owner: Ints, distance: Floats, depth: Floats, first: Ints) -> tuple[
     Between two centres the border follows from both distances; next to an empty side, or another surface behind, it is
     where the distance reaches zero.  If more than two owners meet, lines go to the middle.
     """
-    crossings, is_crossed = _square_sides(owner, distance, depth, first)
+    wide, is_across = _crossings(owner, distance, depth)
+    tall, is_down = (found.T for found in _crossings(owner.T, distance.T, depth.T))
+    is_crossed = np.stack([is_across[:-1], is_across[1:], is_down[:, :-1], is_down[:, 1:]], axis=2)
     count = np.count_nonzero(is_crossed, axis=2)
-    nearest = _nearest(owner, depth)
 
     # two crossings of a square's sides are joined
-    two = count == 2
-    joined = crossings[two][is_crossed[two]].reshape(-1, 2, 2)
+    two = np.nonzero(count == 2)
+    joined = _places(wide, tall, two, first)[is_crossed[two]].reshape(-1, 2, 2)
 
     # three and four with their middle
-    more = count > 2
-    many = crossings[more]
+    more = np.nonzero(count > 2)
+    many = _places(wide, tall, more, first)
     is_one = is_crossed[more]
     middle = (many * is_one[..., None]).sum(axis=1) / is_one.sum(axis=1)[:, None]
     square, side = np.nonzero(is_one)
     starts = np.concatenate([joined[:, 0], many[square, side]])
     ends = np.concatenate([joined[:, 1], middle[square]])
-    return starts, ends, np.concatenate([nearest[two], nearest[more][square]])
+    return starts, ends, np.concatenate([_nearest(owner, depth, two), _nearest(owner, depth, more)[square]])
 
 
-def _square_sides(owner: Ints, distance: Floats, depth: Floats, first: Ints) -> tuple[Floats, Bools]:
-    """Crossings (h - 1, w - 1, 4, 2) of borders with the sides of the squares between centres, and whether they exist.
+def _places(wide: Floats, tall: Floats, squares: tuple[Ints, Ints], first: Ints) -> Floats:
+    """(n, 4, 2) crossings of borders with the upper, the lower, the left and the right side of squares between centres.
 
-    Sides are the upper, the lower, the left and the right one.
+    wide, tall  see _crossings
+    squares     rows (n,) and columns (n,)
     """
-    wide, is_across = _crossings(owner, distance, depth)
-    tall, is_down = (found.T for found in _crossings(owner.T, distance.T, depth.T))
-    rows, columns = np.indices((owner.shape[0] - 1, owner.shape[1] - 1)) + first[::-1, None, None]
-    upper = np.stack([columns + wide[:-1], rows], axis=-1)
-    lower = np.stack([columns + wide[1:], rows + 1.0], axis=-1)
-    left = np.stack([columns, rows + tall[:, :-1]], axis=-1)
-    right = np.stack([columns + 1.0, rows + tall[:, 1:]], axis=-1)
-    places = np.stack([upper, lower, left, right], axis=2)
-    return places, np.stack([is_across[:-1], is_across[1:], is_down[:, :-1], is_down[:, 1:]], axis=2)
+    row, column = squares
+    x, y = column + first[0], row + first[1]
+    upper = np.stack([x + wide[row, column], y], axis=-1)
+    lower = np.stack([x + wide[row + 1, column], y + 1.0], axis=-1)
+    left = np.stack([x, y + tall[row, column]], axis=-1)
+    right = np.stack([x + 1.0, y + tall[row, column + 1]], axis=-1)
+    return np.stack([upper, lower, left, right], axis=1)
 
 
 def _crossings(owner: Ints, distance: Floats, depth: Floats) -> tuple[Floats, Bools]:
     """(h, w - 1) where borders cross from one column to the next, from 0 to 1; whether there are any."""
-    left = distance[:, :-1]
-    right = distance[:, 1:]
-    is_left = owner[:, :-1] >= 0
-    is_right = owner[:, 1:] >= 0
+    is_border = owner[:, :-1] != owner[:, 1:]
+    row, column = np.nonzero(is_border)
+    left, right = distance[row, column], distance[row, column + 1]
+    is_left, is_right = owner[row, column] >= 0, owner[row, column + 1] >= 0
 
     # two elements side by side: where the distances from both say
     sum_of_both = left + right
@@ -251,32 +251,32 @@ def _crossings(owner: Ints, distance: Floats, depth: Floats) -> tuple[Floats, Bo
 
     # only one element ends at an empty pixel or at another surface: use the distance of the one present, or of the
     # nearer one
-    start = _border_distance(owner, distance)
-    end = 1.0 - _border_distance(owner[:, ::-1], distance[:, ::-1])[:, ::-1]
-    nearer = np.where(depth[:, :-1] <= depth[:, 1:], start, end)
+    start = _border_distance(owner, distance, row, column, -1)
+    end = 1.0 - _border_distance(owner, distance, row, column + 1, 1)
+    nearer = np.where(depth[row, column] <= depth[row, column + 1], start, end)
     alone = np.where(is_right, np.where(is_left, nearer, end), start)
-    is_border = owner[:, :-1] != owner[:, 1:]
-    return np.clip(np.where(is_between, between, alone), 0.0, 1.0), is_border
+    crossings = np.zeros(is_border.shape)
+    crossings[row, column] = np.clip(np.where(is_between, between, alone), 0.0, 1.0)
+    return crossings, is_border
 
 
-def _border_distance(owner: Ints, distance: Floats) -> Floats:
-    """(h, w - 1) how far from each column but the last its border is, towards the next; half where unknown."""
+def _border_distance(owner: Ints, distance: Floats, row: Ints, column: Ints, back: int) -> Floats:
+    """(n,) how far from pixels (n,) their border is, half where unknown; ``back`` leads to the column before."""
     # how much the distance falls from the column before, in one element
-    here = distance[:, :-1]
-    gradient = np.full(here.shape, np.nan)
-    is_border = owner[:, :-2] != owner[:, 1:-1]
+    before = np.clip(column + back, 0, owner.shape[1] - 1)
+    is_known = (before != column) & (owner[row, before] == owner[row, column])
+    here = distance[row, column]
     with np.errstate(invalid="ignore", divide="ignore"):
-        gradient[:, 1:] = distance[:, :-2] - distance[:, 1:-1]
-        gradient[:, 1:][is_border] = np.nan
+        gradient = np.where(is_known, distance[row, before] - here, np.nan)
         far = here / gradient
     return np.where((gradient > SLOPE) & (far <= 1.0), far, 0.5)
 
 
-def _nearest(owner: Ints, depth: Floats) -> Ints:
-    """(h - 1, w - 1) numbers of the nearest pixel at the corners of each square."""
-    height, width = owner.shape
-    shown = np.where(owner >= 0, depth, np.inf)
-    corners = np.stack([shown[:-1, :-1], shown[:-1, 1:], shown[1:, :-1], shown[1:, 1:]])
-    chosen = np.argmin(corners, axis=0)
-    rows, columns = np.indices((height - 1, width - 1))
-    return np.asarray((rows + chosen // 2) * width + columns + chosen % 2)
+def _nearest(owner: Ints, depth: Floats, squares: tuple[Ints, Ints]) -> Ints:
+    """(n,) numbers of the nearest pixel at the corners of squares, given by rows (n,) and columns (n,)."""
+    row, column = squares
+    rows = np.stack([row, row, row + 1, row + 1])
+    columns = np.stack([column, column + 1, column, column + 1])
+    shown = np.where(owner[rows, columns] >= 0, depth[rows, columns], np.inf)
+    chosen = np.argmin(shown, axis=0)
+    return np.asarray((row + chosen // 2) * owner.shape[1] + column + chosen % 2)

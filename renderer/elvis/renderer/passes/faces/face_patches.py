@@ -16,6 +16,7 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.mapping.orientation import chunks
 from elvis.plugins.faces.nets import FaceSpace
 from elvis.renderer.ball_bounds import is_in_picture
+from elvis.renderer.drafts import is_draft
 from elvis.scene.time_limit import check_time
 from elvis.scene.view import View
 
@@ -25,6 +26,8 @@ TAME = 0.25
 THIN = 1e-6
 #: how often a face is bisected at most
 _LEVELS = 96
+#: the same in drafts: most patches need fewer, and each one takes as long as for many patches
+_LEVELS_OF_DRAFTS = 8
 #: share of the reach below which a patch counts as a line: folds are not refined further for pixels next to them
 _THIN_BESIDE = 0.25
 #: columns of pixels up to which thin patches are examined closely
@@ -220,19 +223,21 @@ def _extent(view: View) -> float:
 def _divide(space: FaceSpace, batch: _Batch, view: View, rounding: float, reach: float) -> Iterator[_Batch]:
     """Patches with nearly linear maps, and patches that are points or lines.
 
-    Other patches are bisected along their longest side, unless they cover no centre.
+    Other patches are bisected along their longest side, unless they cover no centre.  Drafts stop after a few bisections
+    and take what is left as surfaces, at whose folds Newton's method may miss a pixel.
     rounding  see _rounding
     reach     see face_patches
     """
+    last = _LEVELS_OF_DRAFTS if is_draft() else _LEVELS
     stack = [(0, batch)]
     while stack:
         level, batch = stack.pop()
         batch, front = _visible_patches(batch, view, rounding, reach)
         tame, direction, batch.spread = _linearity(space, batch, front, view)
-        done = front & (tame | batch.line | (level == _LEVELS))
-        batch.line |= ~tame
+        done = front & (tame | batch.line | (level == last))
+        batch.line |= ~tame & (level < last or last == _LEVELS)
         yield batch.some(np.flatnonzero(done))
-        if level == _LEVELS or done.all():
+        if level == last or done.all():
             continue
         rest = batch.some(np.flatnonzero(~done))
         halves = _halve(space, direction[~done], rest)
