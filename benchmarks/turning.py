@@ -86,14 +86,32 @@ def served(data: list[Path], options: list[str]) -> Iterator[tuple[str, int]]:
             process.terminate()
 
 
+def children(pid: int) -> list[int]:
+    """The processes that a process has started."""
+    found = []
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        found += map(int, (task / "children").read_text().split())
+    return found
+
+
 def processor_seconds(pid: int) -> float:
-    """Processor seconds of the process that draws: all processes below the server."""
-    ticks = os.sysconf("SC_CLK_TCK")
+    """Processor seconds of a process."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def below(pid: int, without: int = 0) -> float:
+    """Processor seconds of all processes below one, but for one of these with those below it."""
     total = 0.0
-    for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
-        fields = Path(f"/proc/{child}/stat").read_text().rpartition(")")[2].split()
-        total += (int(fields[11]) + int(fields[12])) / ticks
+    for child in children(pid):
+        if child != without:
+            total += processor_seconds(child) + below(child, without)
     return total
+
+
+def efforts(server: int) -> dict[str, float]:
+    """Processor seconds of the process that draws, of the one that serves, and of the browser with its driver."""
+    return {"drawing": below(server), "serving": processor_seconds(server), "browser": below(os.getpid(), server)}
 
 
 def drag(page: Page, duration: float) -> None:
@@ -121,19 +139,20 @@ def measure(page: Page, pid: int, duration: float, picture: Path | None) -> dict
     page.wait_for_timeout(1000)
     page.evaluate(RECORD)
     full = page.evaluate("window.elvis.picture.image[2]")
-    effort = processor_seconds(pid)
+    before = efforts(pid)
     drag(page, duration)
-    effort = processor_seconds(pid) - effort
+    after = efforts(pid)
     notes = page.evaluate("window.notes")
     if picture is not None:
         page.screenshot(path=picture)
+    count = sum(not one["final"] for one in notes["pictures"])
     released = perf_counter()
     page.mouse.up()
     page.wait_for_function(IS_SHARP, timeout=1000 * PATIENCE)
     sharp = perf_counter() - released
     return {**numbers_of(notes["pictures"], full), "moved": notes["moved"] / duration, "sharp": sharp} | {
-        "processor": effort / max(1, sum(not one["final"] for one in notes["pictures"])),
-        "rate": sum(not one["final"] for one in notes["pictures"]) / duration,
+        **{name: (after[name] - before[name]) / max(1, count) for name in before},
+        "rate": count / duration,
     }
 
 
@@ -152,7 +171,7 @@ def numbers_of(pictures: list[Mapping[str, Any]], full: int) -> dict[str, float]
 
 def table(found: dict[str, dict[str, float]]) -> Table:
     """A row a scene."""
-    columns = ["scene", "drafts a second", "95 % gap s", "width", "size changes", "kB a draft", "CPU s a draft"]
+    columns = ["scene", "drafts a second", "95 % gap s", "width", "size changes", "kB a draft", "CPU s of drawing"]
     rows = [
         [
             name,
@@ -161,14 +180,18 @@ def table(found: dict[str, dict[str, float]]) -> Table:
             f"{own['share']:.2f}",
             f"{own['changes']:.0f}",
             f"{own['bytes'] / 1000:.1f}",
-            seconds(own["processor"]),
+            *(seconds(own[name]) for name in ("drawing", "serving", "browser")),
             f"{own['moved']:.0f}",
             seconds(own["sharp"]),
         ]
         for name, own in found.items()
     ]
-    note = "width: of a draft, as a part of the sharp picture's; moved: pictures that the page moves by itself."
-    return Table("Turning in a browser", [*columns, "moved a second", "sharp after s"], rows, [note])
+    columns += ["serving", "browser", "moved a second", "sharp after s"]
+    notes = [
+        "width: of a draft, as a part of the sharp picture's; moved: pictures that the page moves by itself.",
+        "Processor seconds are those of a draft.",
+    ]
+    return Table("Turning in a browser", columns, rows, notes)
 
 
 def main() -> None:

@@ -223,8 +223,8 @@ def _extent(view: View) -> float:
 def _divide(space: FaceSpace, batch: _Batch, view: View, rounding: float, reach: float) -> Iterator[_Batch]:
     """Patches with nearly linear maps, and patches that are points or lines.
 
-    Other patches are bisected along their longest side, unless they cover no centre.  Drafts stop after a few bisections
-    and take what is left as surfaces, at whose folds Newton's method may miss a pixel.
+    Other patches are bisected along their longest side, unless they cover no centre.  Drafts stop after a few
+    bisections and take what is left as surfaces, at whose folds Newton's method may miss a pixel.
     rounding  see _rounding
     reach     see face_patches
     """
