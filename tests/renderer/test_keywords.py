@@ -167,6 +167,13 @@ def test_faces_of_2d_data_are_elements(device):
         render(square, "x", faces="boundary", **look, device=device)
 
 
+def test_settings_of_bars_are_true_or_false():
+    shown = [scene_of_keywords({"bar": f"bands=3,round={text}"}).bar for text in ("true", "false")]
+    assert shown == [ColorBar(bands=3, round=True), ColorBar(bands=3)]
+    with pytest.raises(SceneError, match="expected true or false, found 'yes'"):
+        scene_of_keywords({"bar": "round=yes"})
+
+
 def test_styles_apply_to_every_object():
     scene = scene_of_keywords({"plane": CUT, "isosurface": 0.5, "contours": 4, "opacity": 0.5})
     assert [item.style.contours for item in scene.every_object] == [Contours(count=4)] * 2

@@ -297,7 +297,8 @@ def test_the_minimum_is_found_and_cut(page, viewer, scene):
     page.locator("button", has_text="minimum").click()
     page.locator("text.elvis-over").wait_for()
     told = page.get_by_label("values under the pointer").inner_text()
-    assert told.startswith(f"u = {least.value!r}")
+    assert told.startswith(f"u = {least.value:.6g} ")
+    assert page.evaluate("elvis.picked.value") == least.value
     assert f"element {least.element}" in told
     add(page, "plane")
     settled(page, viewer)

@@ -154,8 +154,11 @@ def bar(text: str) -> scene.ColorBar:
 
 
 def _plain(hint: Any, text: str) -> Any:
-    """A text, a number, a whole one, or a list of numbers."""
+    """A text, a number, a whole one, true or false, or a list of numbers."""
     only = choices(hint)[0]
+    if only is bool:
+        check(text in ("true", "false"), "a setting", "true or false", repr(text))
+        return text == "true"
     if get_origin(only) is tuple:
         return numbers(text.replace(" ", ","))
     if only is int:
