@@ -81,6 +81,24 @@ def test_a_preview_determines_the_view(view):
     assert np.allclose(part.basis(), whole.basis())
 
 
+def test_thin_ends_of_small_bodies_are_in_the_picture():
+    """A needle in a wide box: coarse previews have no pixel whose centre is in its tip."""
+    box = np.array([[0, 0, 0, 100, 100, 0]], np.float32)
+
+    def needle(scene):
+        width, height = scene.size
+        right, up, _ = scene.camera.basis()
+        pixel = scene.camera.height / height
+        x = right @ scene.camera.eye + (np.arange(width) + 0.5 - width / 2) * pixel
+        y = up @ scene.camera.eye - (np.arange(height)[:, None] + 0.5 - height / 2) * pixel
+        return (y > 48) & (y < 52) & (np.abs(x - 50) < 0.2 * (y - 48))
+
+    camera = automatic(Scene("u", objects=(Faces(),), camera="top", size=(200, 200)), [box], needle).camera
+    low = camera.eye[1] - camera.height / 2
+    assert 47.5 < low < 48.1
+    assert camera.height < 5.0
+
+
 def test_a_plane_that_misses_every_box_is_rejected():
     with pytest.raises(SceneError, match=r"the picture is empty: .* through \(0, 0, 9\) with normal \(0, 0, 1\)"):
         automatic(Scene("u", Plane((0, 0, 9), (0, 0, 1))), [UNIT], never)

@@ -20,6 +20,8 @@ LARGEST, LEAST = (1000, 800), 160
 GLANCE, GLANCE_PIXELS = 4, 1 << 21
 #: most previews
 GLANCES = 4
+#: how far ends that a preview has cut are moved away from the middle, as a part of the distance
+GROWTH = 2.0
 #: pairs of corners k = x + 2 y + 4 z of a box that an edge joins
 _EDGES = np.array([(k, k + step) for step in (1, 2, 4) for k in range(8) if not k & step])
 
@@ -107,7 +109,8 @@ def _extent_of_boxes(scene: Scene, camera: Camera, boxes: Sequence[Boxes]) -> Fl
 def _extent_by_glances(
     scene: Scene, camera: Camera, extent: Floats, box: Floats, glance: Callable[[Scene], Bools]
 ) -> Floats:
-    """The extent of the visible objects within that of the boxes; if it is small, a second glance refines it."""
+    """The extent of the visible objects within that of the boxes; if it is small, further glances refine it."""
+    whole = extent
     for _ in range(GLANCES):
         size = scene.size or proportionate(extent)
         fewer = max(GLANCE, int(np.ceil(np.sqrt(size[0] * size[1] / GLANCE_PIXELS))))
@@ -118,6 +121,11 @@ def _extent_by_glances(
             break
         wide = extent
         extent = _extent(mask, small)
+        is_cut = _is_cut(mask, extent, whole)
+        if is_cut.any():
+            # the glance before saw no pixel of a thin end
+            extent = np.where(is_cut, extent + GROWTH * (extent - extent.mean(axis=0)), extent)
+            continue
         if (extent[1] - extent[0]).max() > 0.3 * (wide[1] - wide[0]).max():
             break
     return extent
@@ -130,6 +138,13 @@ def _corners(boxes: Boxes) -> Floats:
         columns = [3 * (k >> axis & 1) + axis for axis in range(3)]
         corners.append(boxes[:, columns])
     return np.concatenate(corners).astype(np.float64)
+
+
+def _is_cut(mask: Bools, extent: Floats, whole: Floats) -> Bools:
+    """(2, 2) ends of an extent at which objects reach the border of a picture though the boxes (2, 2) go on."""
+    at_border = np.array([[mask[:, 0].any(), mask[-1].any()], [mask[:, -1].any(), mask[0].any()]])
+    is_inside = np.array([extent[0] > whole[0], extent[1] < whole[1]])
+    return at_border & is_inside
 
 
 def _extent(mask: Bools, scene: Scene) -> Floats:
