@@ -297,3 +297,16 @@ def test_differences_on_boxes_are_bounded_with_all_rounding(outer, inner):
             assert abs(difference) <= composed.limit[0]
         low, high = all_half_boxes(low, high)
         boxes = boxes.halved()
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_parts_of_boxes_are_rounded_once_for_each_coefficient_of_their_direction(axis):
+    rng = np.random.default_rng(8)
+    places, own = rng.normal(size=(3, 2, 5, 6)), rng.normal(size=(3, 4, 7))
+    errors = rng.uniform(0, 1e-16, (3, 3))
+    boxes = PairBoxes(np.arange(3), np.arange(3), places, errors[:, :2], own, errors[:, 2])
+    cut = boxes.cut(axis, np.zeros(3, int), np.full(3, GRID // 2))
+    of_places = gamma((5, 6)[axis]) * np.abs(places).max(axis=(2, 3))
+    assert cut.place_error == pytest.approx(errors[:, :2] + of_places, rel=1e-12, abs=0)
+    of_own = gamma((4, 7)[axis]) * np.abs(own).max(axis=(1, 2))
+    assert cut.own_error == pytest.approx(errors[:, 2] + of_own, rel=1e-12, abs=0)

@@ -7,6 +7,8 @@ from elvis import Camera, Clip, Contours, CutSurface, Faces, Plane, Scene, Statu
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, with_field
 from elvis.reference.picture import render
+from elvis.reference.scenes.contour_search import Place
+from elvis.reference.scenes.equations import Linear
 from elvis.renderer.completing import completed
 
 SIZE = (48, 40)
@@ -105,3 +107,41 @@ def test_unproved_pixels_are_ambiguous():
     assert ends.any()
     assert (frame.line_status[ends] == Status.AMBIGUOUS).all()
     assert (frame.line_status[frame.seen] == Status.CERTAIN).any()
+
+
+def test_places_of_boxes_in_the_picture_are_off_by_no_more_than_is_stated():
+    """q = N / W with both linear but for their rests: at corners of boxes, and along ways from points in them."""
+    rng = np.random.default_rng(6)
+    count, d = 400, 3
+    corners = rng.choice([-1.0, 1.0], (40, count, d))
+    off, sides = rng.choice([-1.0, 1.0], (40, 3, count)), rng.choice([-1, 1], (40, count, 2))
+    part = rng.uniform(-1, 1, (40, count))
+    lifted = [Linear(np.zeros(count), rng.normal(size=(count, d)), rng.uniform(0, 0.1, count)) for _ in range(2)]
+    slope, rest = rng.uniform(-0.1, 0.1, (count, d)), rng.uniform(0, 0.01, count)
+    over = Linear(rng.uniform(0.8, 2, count), slope, rest)
+    place = Place(np.zeros((count, 2)), (lifted[0], lifted[1]), over, np.ones(count, bool))
+
+    def at(points, number):
+        columns, rows, weight = (
+            own.value + (own.gradient * points).sum(axis=1) + error * own.rest
+            for own, error in zip((*lifted, over), off[number], strict=True)
+        )
+        return np.stack([columns / weight, rows / weight], axis=1)
+
+    middle, steps, bound = place.around
+    base, way = rng.uniform(-0.2, 0.2, (count, d)), rng.uniform(-1, 1, (count, d))
+    half = rng.uniform(0.1, 0.3, count)
+    aside = rng.uniform(-0.05, 0.05, (count, d, 2))
+    begin, step, deviation = place.along(base, way, half, aside)
+    shares, ways = [], []
+    for number, x in enumerate(corners):
+        away = np.abs(at(x, number) - middle - np.einsum("kai,ki->ka", steps, x))
+        assert (away <= bound * (1 + 1e-12)).all()
+        shares.append(away / bound)
+        t = part[number] * half
+        x = base + t[:, None] * way + np.einsum("kim,km->ki", aside, sides[number])
+        away = np.abs(at(x, number) - begin - t[:, None] * step)
+        assert (away <= deviation * (1 + 1e-12)).all()
+        ways.append(away / deviation)
+    assert np.max(shares) > 0.7
+    assert np.max(ways) > 0.7

@@ -26,7 +26,7 @@ FOUND = {
 
 
 class Rays:
-    """Rays of one pixel in tetrahedra with fields of degree 3, and conditions that are close to 0 for some."""
+    """Rays of one pixel in tetrahedra with fields of degree 3, and conditions as large as they may be off."""
 
     def __init__(self, rng):
         def some(low, high, *shape):
@@ -38,7 +38,6 @@ class Rays:
         self.jacobian = np.eye(3) + some(-0.3, 0.3, 3, 3)
         self.polynomials[:, :3, linear] = self.jacobian
         self.polynomials[:, :3, 0] = some(-0.1, 0.1, 3)
-        self.polynomials[::2, 4, 0] = 0.0
         self.camera = some(-1, 1, 5, 3)
         self.camera[:, 0] = np.array([-0.4, -0.4, -3.0]) + some(-0.3, 0.3, 3)
         self.camera[:, 1], self.camera[:, 2:] = some(-0.1, 0.1, 3), some(-0.05, 0.05, 3, 3)
@@ -56,6 +55,21 @@ class Rays:
         places = (origin + self.depth[:, None] * direction - self.polynomials[:, :3, 0])[..., None]
         values = self.jets(3, np.linalg.solve(self.jacobian, places)[..., 0])[:, 0]
         self.level[1:] = (values + some(-1e-7, 1e-7))[1:]
+        self.balance_conditions(np.linalg.solve(self.jacobian, places)[..., 0], origin, direction)
+
+    def balance_conditions(self, r, origin, direction):
+        """Let conditions be just as large as they may be off at points r (n, 3), or just not."""
+        start = np.linalg.solve(self.jacobian, (origin - self.polynomials[:, :3, 0])[..., None])[..., 0]
+        direction = np.abs(np.linalg.solve(self.jacobian, direction[..., None])[..., 0])
+        lengths = np.linalg.norm(self.jacobian, axis=1).prod(axis=1)
+        farthest = (np.abs(start) + np.abs(self.span).max(axis=1, keepdims=True) * direction).max(axis=1)
+        shift = 2e-15 * lengths / np.abs(np.linalg.det(self.jacobian)) * farthest
+        moved = self.off * direction.max(axis=1) + shift
+        value, *gradient = self.jets(4, r).T
+        error = 2 * self.condition_error + np.abs(gradient).sum(axis=0) * moved
+        error += 4.5 * self.condition_steepest * moved**2
+        rows = np.arange(COUNT)
+        self.polynomials[:, 4, 0] += np.where(rows % 4 < 2, 1, -1) * np.where(rows % 2, 1.01, 0.99) * error - value
 
     def rows(self):
         alone = [self.perspective, self.level, self.misplaced, self.span, self.wider, self.error, self.depth]

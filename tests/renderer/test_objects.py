@@ -32,7 +32,7 @@ from elvis.core.quantities import Expression
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, ripple
-from elvis.renderer.passes.solids.hits import hits, outside
+from elvis.renderer.passes.solids.hits import _touched, hits, outside
 from elvis.scene import unit
 from elvis.scene.picture import picture
 from elvis.scene.view import View
@@ -398,3 +398,23 @@ def test_surfaces_in_space_are_shown_by_default(draw, shared):
     assert np.abs(np.einsum("ni,ni->n", frame.normal[seen], frame.position[seen]) / radius - 1.0).max() < 0.02
     with pytest.raises(SceneError, match="surfaces in space are drawn as they are"):
         draw(sphere, plane=Plane((0, 0, 0), (0, 0, 1)), size=(30, 30))
+
+
+@pytest.mark.parametrize("surface", [Sphere((0.3, 0.2, 0.1), 0.5), Cylinder((0.3, 0.2, 0.1), (1, 2, 2), 0.5)])
+def test_rays_that_touch_a_surface_are_doubtful_from_just_before_it(surface):
+    rng = np.random.default_rng(7)
+    centre = np.array([0.3, 0.2, 0.1])
+    normal = rng.normal(size=(60, 3))
+    if isinstance(surface, Cylinder):
+        axis = np.array([1, 2, 2]) / 3
+        normal -= (normal @ axis)[:, None] * axis
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    along = np.cross(normal, rng.normal(size=(60, 3)))
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    depth = rng.uniform(1, 5, 60)
+    origins = centre + 0.5 * normal - depth[:, None] * along
+    found = _touched(surface, origins, along)
+    assert (found < depth).all()
+    assert (found > depth - 1e-5).all()
+    for way in (-1e-3, 1e-3):
+        assert np.isinf(_touched(surface, origins + way * normal, along)).all()
