@@ -144,7 +144,7 @@ def _is_cut(mask: Bools, extent: Floats, whole: Floats) -> Bools:
     """(2, 2) ends of an extent at which objects reach the border of a picture though the boxes (2, 2) go on."""
     at_border = np.array([[mask[:, 0].any(), mask[-1].any()], [mask[:, -1].any(), mask[0].any()]])
     is_inside = np.array([extent[0] > whole[0], extent[1] < whole[1]])
-    return at_border & is_inside
+    return np.asarray(at_border & is_inside)
 
 
 def _extent(mask: Bools, scene: Scene) -> Floats:

@@ -202,7 +202,8 @@ def borders(owner: Ints, distance: Floats, depth: Floats, first: Ints) -> tuple[
     where the distance reaches zero.  If more than two owners meet, lines go to the middle.
     """
     wide, is_across = _crossings(owner, distance, depth)
-    tall, is_down = (found.T for found in _crossings(owner.T, distance.T, depth.T))
+    turned, is_turned = _crossings(owner.T, distance.T, depth.T)
+    tall, is_down = turned.T, is_turned.T
     is_crossed = np.stack([is_across[:-1], is_across[1:], is_down[:, :-1], is_down[:, 1:]], axis=2)
     count = np.count_nonzero(is_crossed, axis=2)
 

@@ -130,7 +130,9 @@ def integrate(
     they are per unit of span.
     """
     if not quantities and coefficients is None:
-        raise click.UsageError("expected --field, the integrand, or --coefficients", click.get_current_context())
+        is_read = any(text.startswith("fields=") for text in data.reader)
+        hint = "; --fields only chooses what is read" if is_read else ""
+        raise click.UsageError(f"expected --field, the integrand, or --coefficients{hint}", click.get_current_context())
     if not 0 < error < 1:
         raise click.BadParameter(f"expected a number between 0 and 1, found {error:g}", param_hint="'--error'")
     if without_top_modes and (bins is not None or plot is not None):
