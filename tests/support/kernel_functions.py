@@ -30,12 +30,16 @@ class KernelFunctions:
     """
 
     def __init__(self, device, name, folder, exports=""):
-        kernel = next(path for shaders in [*SHADERS, interface_folder()] for path in shaders.glob(f"{name}.slang"))
+        native = interface_folder().parent / "native"
+        folders = [*SHADERS, interface_folder(), native]
+        kernel = next(path for shaders in folders for path in shaders.glob(f"{name}.slang"))
         text = kernel.read_text(encoding="utf-8").replace(f"module {name};", f"module {name}_check;", 1)
         folder = folder / f"{name}_{zlib.crc32(exports.encode()):08x}"
         folder.mkdir()
         for module in ("rows", "polynomial_volume", "curve_cases"):
             (folder / f"{module}.slang").write_bytes((HERE / f"{module}.slang").read_bytes())
+        if kernel.parent == native:
+            (folder / "native_data.slang").write_bytes((native / "native_data.slang").read_bytes())
         check, stage = HERE / f"{name}_check.slang", name
         if check.exists():
             stage = f"{name}_check"
