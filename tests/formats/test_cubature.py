@@ -118,3 +118,9 @@ def test_fourier_directions_are_evenly_spaced():
     assert len(np.unique(rule.points[:, 0])) == 6
     assert rule.points[:, 0].max() < 1
     assert rule.weights.sum() == pytest.approx(4, rel=1e-14)
+
+
+@pytest.mark.parametrize("counts", [(4_001,) * 3, (10**6, 2, 2), (200, 200, 200)])
+def test_a_rule_has_a_maximum_number_of_points(counts):
+    with pytest.raises(FormatError, match="expected at most 4194304 quadrature points in an element, found"):
+        cubature(Shape.HEXAHEDRON, ("GaussLobattoLegendre",) * 3, counts)

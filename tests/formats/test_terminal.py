@@ -16,6 +16,8 @@ def on(request, monkeypatch):
 def test_a_picture_of_every_character():
     assert visible(HOSTILE + "é ü µ\n") == "u?[31m?]0;title??2J????é ü µ\n"
     assert one_line("a\n  b\x1b") == "a b?"
+    assert one_line(f"expected{1_000_000 * 'x'}, found y").endswith(", found y")
+    assert len(one_line("x" * 1_000_000)) < 2_100
 
 
 def test_control_characters_are_not_printed(capsys, on):

@@ -28,6 +28,7 @@ from elvis.core.dataset import Dataset
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, one_element
 from elvis.scene import ColorBar, Scene
+from elvis.scene.broken_lines import broken_lines
 from elvis.scene.commandline import parameters
 from elvis.scene.commandline.composing import in_one_range
 from elvis.scene.figure import Page, save_figure
@@ -430,3 +431,36 @@ def test_a_camera_that_looks_along_up_gets_another_up_direction(up):
     right, upward, _ = Camera((0, 0, 5), (0, 0, 0), up).basis()
     assert np.allclose([right, upward], [[1, 0, 0], [0, 1, 0]])
     assert np.allclose(Camera((0, 5, 0), (0, 0, 0), (0, 1, 0)).basis()[1], [0, 0, 1])
+
+
+def test_long_texts_never_widen_a_figure(plane):
+    """Titles, units, texts and names break at spaces outside mathematics, and end with an ellipsis."""
+    settings = {"size": (100, 60), "device": "reference", "axes": True}
+    usual = page_size(render(plane, bar=ColorBar(title="a"), **settings))
+    for text, position in (("W" * 9_000, "right"), ("$x^2$ in m " * 50, "bottom"), ("\n" * 9_000, "right")):
+        bar = ColorBar(title=text, unit=text, position=position)
+        texts = (Caption(text, (0.5, 0.5, 0.0)),)
+        width, height = page_size(render(plane, title=text, bar=bar, texts=texts, **settings))
+        assert width < usual[0] + 250
+        assert height < usual[1] + 400
+
+
+def page_size(frame):
+    """Width and height of a figure in pixels."""
+    content = BytesIO()
+    save_figure([frame], content, ".png")
+    return Image.open(content).size
+
+
+def test_texts_that_fit_are_unchanged(plane):
+    figure = Page([render(plane, size=(200, 100), device="reference", axes=True)], plain=True)
+    for text in ("two  words\nof $x y$", "$a b$ c"):
+        assert broken_lines(text, 1000, figure.measure(), 10) == text
+    first, second = broken_lines(f"$a b$ {'c' * 400}", 200, figure.measure(), 10).splitlines()
+    assert first == "$a b$"
+    assert re.fullmatch("c+…", second)
+
+
+def test_long_mathematics_is_an_error(plane):
+    with pytest.raises(SceneError, match="at most 1000 characters of text with mathematics, found 9002"):
+        save_figure([render(plane, title=f"${'x' * 9_000}$", size=(30, 20), device="reference")], BytesIO(), ".png")

@@ -12,6 +12,8 @@ from math import isfinite
 from typing import TypeAlias, TypeVar
 
 Item = TypeVar("Item")
+#: characters of a message: names in it may come from files
+MAX_LINE = 2_000
 #: called with the amount of work done and the total
 Progress: TypeAlias = Callable[[int, int], object]
 
@@ -35,8 +37,11 @@ def plain_names(names: Iterable[str]) -> tuple[str, ...]:
 
 
 def one_line(text: str) -> str:
-    """The text as `visible`, its words on one line."""
-    return visible(" ".join(text.split()))
+    """The text as `visible`, its words on one line; a long text without its middle."""
+    line = " ".join(text.split())
+    if len(line) > MAX_LINE:
+        line = f"{line[: MAX_LINE // 2]} … {line[-MAX_LINE // 2 :]}"
+    return visible(line)
 
 
 def say(text: str = "") -> None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from elvis.core.files.plain import check_plain
 from elvis.core.terminal import visible
+from elvis.scene.broken_lines import broken_lines
 from elvis.scene.errors import SceneError
 from elvis.scene.rulers import seen_of
 
@@ -37,7 +38,8 @@ def draw_caption(panel: Panel, caption: Caption) -> None:
     arrow = {"arrowprops": style} if any(caption.shift) else {}
     # a pale outline keeps letters legible on the data
     outline = [patheffects.withStroke(linewidth=3 * panel.page.thin, foreground=panel.frame.scene.backdrop)]
-    text = panel.axes.annotate(visible(caption.text), (column, row), (x, y), annotation_clip=False, **how, **arrow)
+    words = broken_lines(visible(caption.text), panel.width, panel.page.measure(), panel.page.points)
+    text = panel.axes.annotate(words, (column, row), (x, y), annotation_clip=False, **how, **arrow)
     text.set_path_effects(outline)
 
 

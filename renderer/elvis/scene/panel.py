@@ -2,18 +2,28 @@
 
 from __future__ import annotations
 
-from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from elvis.core.arrays import Floats
 from elvis.core.terminal import visible
+from elvis.scene.broken_lines import broken_lines
 from elvis.scene.captions import draw_caption, draw_image
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Arrow, Frame, Legend
 from elvis.scene.palette import Palette, linear_part, ticks
-from elvis.scene.picture import AXES, emptiest_corner, labels, mark_texts, sentences, typed_values, value_labels
+from elvis.scene.picture import (
+    AXES,
+    MAX_BAR_NAME,
+    MAX_NOTE_LINES,
+    emptiest_corner,
+    labels,
+    mark_texts,
+    sentences,
+    typed_values,
+    value_labels,
+)
 from elvis.scene.rulers import Ruler, aligned, box_edges, box_rulers, scale_bar, sides
 
 if TYPE_CHECKING:
@@ -118,7 +128,10 @@ class Panel:
         self._draw_notes()
         title = ", ".join(filter(None, (scene.title or "", str(self.frame.instant or ""))))
         if title:
-            self._text(0, self.edges()[1, 1] + 0.6 * self.unit, title, fontsize=1.2 * self.page.points, va="bottom")
+            right, top = self.edges()[1]
+            size = 1.2 * self.page.points
+            title = broken_lines(visible(title), max(self.width, right), self.page.measure(), size)
+            self._text(0, top + 0.6 * self.unit, title, fontsize=size, va="bottom")
 
     def common_bar(self, legend: Legend, span: Floats) -> None:
         """A bar along all panels, next to their annotations, with the corners (2, 2) of the pictures."""
@@ -204,16 +217,20 @@ class Panel:
         line = np.array([-0.5, self.height - 0.5 - y]) + arrow.outline * [1.0, -1.0]
         self.axes.fill(*line.T, color=self.page.text_color, lw=0, zorder=BOX, clip_on=False)
         self.axes.set(xlim=(-0.5, self.width - 0.5), ylim=(self.height - 0.5, -0.5))
-        self._text(right + self.unit, y, arrow.text, fontsize=0.9 * self.page.points)
+        size = 0.9 * self.page.points
+        text = broken_lines(visible(arrow.text), self.width, self.page.measure(), size, 1)
+        self._text(right + self.unit, y, text, fontsize=size)
 
     def _draw_notes(self) -> None:
         """Notes below the picture with information that no legend shows."""
-        most = max(20, int(self.width / (self.page.points * self.page.scene.dpi / 72 * 0.55)))
+        size = 0.9 * self.page.points
+        room = max(self.width, 20 * self.unit)
         labelled = any(stroke.labels for stroke in (self.frame.drawing.strokes if self.frame.drawing else ()))
-        lines = [line for text in sentences(self.frame, contours=not labelled) for line in wrap(text, most)]
+        notes = [visible(text) for text in sentences(self.frame, contours=not labelled)]
+        lines = [broken_lines(text, room, self.page.measure(), size, MAX_NOTE_LINES) for text in notes]
         if lines:
             y = self.edges()[0, 1] - 0.6 * self.unit
-            self._text(0, y, "\n".join(lines), va="top", fontsize=0.9 * self.page.points)
+            self._text(0, y, "\n".join(lines), va="top", fontsize=size)
 
 
 class Bar:
@@ -294,7 +311,9 @@ class Bar:
     def _title(self, axes: Any, upright: bool) -> None:
         title = self.own.title if self.own.title is not None else self.legend.title
         title = f"{title} [{self.own.unit}]" if self.own.unit else title
-        title, page = visible(title), self.panel.page
+        page, width = self.panel.page, float((self.span[1] - self.span[0])[0])
+        room = max(MAX_BAR_NAME * self.panel.unit, width / 2 if upright else width)
+        title = broken_lines(visible(title), room, page.measure(), page.points)
         how = {"color": page.text_color, "fontsize": page.points}
         if upright:
             axes.set_title(title, loc="left", pad=page.to_points(0.5 * self.panel.unit), **how)

@@ -78,8 +78,8 @@ def _add_frame(frame: Frame) -> Page:
 
     # the page: a unit of margin, and the parts above, to the right of and below the image
     width_of_image = image_width + 2 * unit + sum(bar.width for bar in bars)
-    keys = [_Key(legend.arrow, unit) for legend in frame.legends if legend.arrow]
-    width = max([width_of_image, *(key.width(small) + 2 * unit for key in keys)])
+    keys = [_Key(legend.arrow, unit, image_width, small) for legend in frame.legends if legend.arrow]
+    width = max([width_of_image, *(key.width + 2 * unit for key in keys)])
     titles = wrapped(title.split(), width - 2 * unit, font, MAX_TITLE_LINES)
     lines = notes(frame, width - 2 * unit, small)
     line_height = round(1.6 * unit)
@@ -98,7 +98,7 @@ def _add_frame(frame: Frame) -> Page:
         _write_lines(part, (unit, 3 * unit / 2), titles, 2 * unit, fill=text_color, font=font, anchor="lm")
     page.bars = _draw_bars(bars, beside, (image_width + 5 * unit // 2, top))
     for part in (below, beside):
-        row = _draw_keys(keys, part, (unit, bottom + unit), fill=text_color, font=small)
+        row = _draw_keys(keys, part, (unit, bottom + unit), text_color)
         _write_lines(part, (unit, row), lines, line_height, fill=text_color, font=small, anchor="lt")
     page.parts += [above, beside, below]
     if min(image_width, image_height) >= 16 * unit and not frame.view.faces_ground:
@@ -122,11 +122,11 @@ def _draw_bars(bars: Sequence[_Bar], part: Part, corner: tuple[int, int]) -> tup
     return tuple(places)
 
 
-def _draw_keys(keys: Sequence[_Key], part: Part, corner: tuple[int, int], **style: Any) -> int:
+def _draw_keys(keys: Sequence[_Key], part: Part, corner: tuple[int, int], fill: Rgb) -> int:
     """Keys below one another, the first one at a corner; the row below them."""
     x, y = corner
     for key in keys:
-        key.draw(part, (x, y), **style)
+        key.draw(part, (x, y), fill)
         y += key.height
     return y
 
@@ -194,17 +194,15 @@ class _Bar:
 class _Key:
     """A glyph of a round magnitude with its text, in a row of its own."""
 
-    def __init__(self, arrow: Arrow, unit: int) -> None:
-        self.arrow, self.unit = arrow, unit
+    def __init__(self, arrow: Arrow, unit: int, image_width: int, font: Font) -> None:
+        self.arrow, self.unit, self.font = arrow, unit, font
         self.right, self.above = (math.ceil(end) for end in arrow.outline.max(axis=0))
         self.height = max(round(1.6 * unit), 2 * self.above + unit // 2)
+        self.text = fitted(arrow.text, max(image_width, MAX_BAR_NAME * unit), font)
+        #: pixels of the row
+        self.width: int = self.right + unit + math.ceil(font.getlength(self.text))
 
-    def width(self, font: Font) -> int:
-        """Pixels of the row."""
-        wide: int = self.right + self.unit + math.ceil(font.getlength(self.arrow.text))
-        return wide
-
-    def draw(self, part: Part, corner: tuple[int, int], *, fill: Rgb, font: Font) -> None:
+    def draw(self, part: Part, corner: tuple[int, int], fill: Rgb) -> None:
         """The row, below and to the right of a corner."""
         x, y = corner
         height = 2 * self.above + 2
@@ -213,7 +211,8 @@ class _Key:
         ImageDraw.Draw(mask).polygon([tuple(place) for place in outline], fill=255)
         small = mask.resize((self.right + 1, height), Image.Resampling.LANCZOS)
         part.paste(fill, (x, y + (self.height - height) // 2), small)
-        part.text((x + self.right + self.unit, y + self.height / 2), self.arrow.text, fill=fill, font=font, anchor="lm")
+        place = (x + self.right + self.unit, y + self.height / 2)
+        part.text(place, self.text, fill=fill, font=self.font, anchor="lm")
 
 
 def shortest(value: float) -> str:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from math import prod
 
 import numpy as np
 
@@ -26,6 +27,11 @@ _GAUSS, _GLL, _GRM10, _GRM20 = (
     "GaussRadauMAlpha2Beta0",
 )
 _FOURIER = "FourierEvenlySpaced"
+
+#: points of a rule in a direction; a file may ask for any number in a few characters
+MAX_COUNT = 1_200
+#: points of a rule in all
+MAX_POINTS = 1 << 22
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +71,11 @@ _RADAU = {0: _GLL, 1: _GRM10, 2: _GRM20}
 def cubature(shape: Shape, families: tuple[str, ...], counts: tuple[int, ...]) -> Cubature:
     """The product of rules of the given PointsType names and numbers of points, one for each direction.
 
-    Raises FormatError if a family has no quadrature rule.
+    Raises FormatError if a family has no quadrature rule, or for too many points.
     """
+    if max(counts) > MAX_COUNT or prod(counts) > MAX_POINTS:
+        found = " x ".join(map(str, counts))
+        raise FormatError(f"expected at most {MAX_POINTS} quadrature points in an element, found {found}")
     nodes, weights = [], []
     for family, count, power in zip(families, counts, COLLAPSE[shape], strict=True):
         if family not in _LINE:
