@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from elvis.core.errors import FormatError
-from elvis.formats.nektar.hdf5_checks import attribute_data, check_heaps
+from elvis.formats.nektar.hdf5_checks import attribute_data
+from elvis.formats.nektar.hdf5_heaps import check_heaps
 
 
 @pytest.fixture
@@ -172,6 +173,21 @@ def test_heaps_that_would_make_the_library_loop_or_grow(hdf5_field, refused):
     length = int.from_bytes(original[free + 8 : free + 16], "little")
     patched(field, free + 8, (length - 64).to_bytes(8, "little"))
     refused(mesh, field, match=rf"damaged \(the heap at byte {heap}\)")
+
+
+@pytest.mark.parametrize("base", [0, 512])
+def test_free_blocks_of_names_that_form_a_circle(base, tmp_path):
+    """The library would allocate memory without end."""
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w", libver="earliest", userblock_size=base) as file:
+        file["x"] = 1.0
+    check_heaps(path)
+    raw = path.read_bytes()
+    heap = raw.index(b"HEAP")
+    first, data = (int.from_bytes(raw[heap + at : heap + at + 8], "little") for at in (16, 24))
+    patched(path, base + data + first, first.to_bytes(8, "little"))
+    with pytest.raises(FormatError, match=rf"damaged \(the heap at byte {heap}\)"):
+        check_heaps(path)
 
 
 @pytest.mark.parametrize("place", [8, 12, 13, (1 << 20) - 3, (1 << 20) + 5])

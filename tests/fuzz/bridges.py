@@ -187,7 +187,7 @@ def _damage(arguments, dice, odd):
             place[dice.choice(NAMES)] = place.pop(key)
         elif action == 2 and isinstance(value, list) and value:
             value[dice.randrange(len(value))] = dice.choice(odd)
-        elif action == 3 and isinstance(value, (list, np.ndarray)):
+        elif action == 3 and (isinstance(value, list) or (isinstance(value, np.ndarray) and value.ndim)):
             place[key] = value[: dice.randrange(len(value) + 1)]
         else:
             place[key] = dice.choice(odd)

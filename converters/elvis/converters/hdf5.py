@@ -16,7 +16,8 @@ import numpy as np
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
 from elvis.core.files.plain import check_plain
-from elvis.formats.nektar.hdf5_checks import check_attribute, check_heaps, check_stored, check_strings
+from elvis.formats.nektar.hdf5_checks import check_attribute, check_stored, check_strings
+from elvis.formats.nektar.hdf5_heaps import check_heaps
 
 if TYPE_CHECKING:
     import h5py  # type: ignore[import-untyped]
@@ -61,9 +62,10 @@ def holds(path: Path, *names: str) -> bool:
     if not path.is_file() or not h5py.is_hdf5(path):
         return False
     try:
+        check_heaps(path)
         with h5py.File(path) as file:
             return all(_has_member(file, name) for name in names)
-    except _DAMAGES:
+    except (FormatError, *_DAMAGES):
         return False
 
 

@@ -89,8 +89,10 @@ def _hdf5(path: Path) -> str:
     import h5py  # type: ignore[import-untyped]
 
     from elvis.formats.nektar.hdf5 import format_errors
+    from elvis.formats.nektar.hdf5_heaps import check_heaps
 
     try:
+        check_heaps(path)
         with format_errors(), h5py.File(path) as file:
             # a name that is not valid UTF-8 comes as bytes
             names = sorted(name if isinstance(name, str) else name.decode("utf-8", "replace") for name in file)

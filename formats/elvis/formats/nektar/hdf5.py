@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
-from elvis.formats.nektar.hdf5_checks import check_attribute, check_heaps, check_stored, check_strings, is_plain
+from elvis.formats.nektar.hdf5_checks import check_attribute, check_stored, check_strings, is_plain
+from elvis.formats.nektar.hdf5_heaps import check_heaps
 from elvis.formats.nektar.mapped_files import is_mapped
 
 if TYPE_CHECKING:

@@ -1,19 +1,15 @@
 """Check that an HDF5 file holds as much data as it declares, before the library allocates memory for it.
 
-Heaps.  The library trusts the sizes in a global heap, which stores strings: a size that is too small makes it loop
-forever, one that is too large makes it allocate gigabytes.  Layout: HDF5 File Format Specification, III.E, Global Heap.
-
 Strings.  A string of variable length is a descriptor of 16 bytes (length, heap, index), and the library allocates
 whatever memory the length demands.  Its interface does not reveal the length beforehand, so descriptors are read from
-the file directly.  Layout: same document, IV.A.1 (object headers, version 1) and IV.A.2.m (attributes); other layouts,
-which the tools of this format don't write, are not examined.
+the file directly.  Layout: HDF5 File Format Specification, IV.A.1 (object headers, version 1) and IV.A.2.m
+(attributes); other layouts, which the tools of this format don't write, are not examined.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -172,60 +168,3 @@ def _attribute(body: bytes) -> tuple[bytes, bytes]:
 
 def _number(raw: bytes, place: int, size: int) -> int:
     return int.from_bytes(raw[place : place + size], "little")
-
-
-_HEAP_SIGNATURE = b"GCOL\x01\x00\x00\x00"
-_HEAP_HEADER, _LEAST_HEAP, _HEAP_STEP = 16, 4096, 1 << 20
-
-
-def check_heaps(path: Path) -> None:
-    """Raise FormatError unless the objects of each global heap of the file fill it exactly.
-
-    A valid file is examined again only if it has changed.
-    """
-    stat = path.stat()
-    _check_heaps(path, stat.st_size, (stat.st_dev, stat.st_ino, stat.st_mtime_ns, stat.st_ctime_ns))
-
-
-@lru_cache(maxsize=256)
-def _check_heaps(path: Path, size: int, mark: tuple[int, ...]) -> None:
-    """Check all heaps of a file for `check_heaps`; ``mark`` distinguishes versions of the file."""
-    with path.open("rb") as file:
-        for start in list(_heap_starts(file)):
-            file.seek(start + len(_HEAP_SIGNATURE))
-            length = int.from_bytes(file.read(8), "little")
-            if not _LEAST_HEAP <= length <= size - start:
-                raise FormatError(
-                    f"expected a heap of {_LEAST_HEAP} to {size - start} bytes, found {length}", file=path
-                )
-            if not _is_filled(file.read(length - _HEAP_HEADER)):
-                raise FormatError(f"the HDF5 data are damaged (the heap at byte {start})", file=path)
-
-
-def _heap_starts(file: BinaryIO) -> Iterator[int]:
-    """Offsets of the heap signature; heaps need not begin at multiples of eight bytes."""
-    base, block = 0, file.read(_HEAP_STEP)
-    while len(block) >= len(_HEAP_SIGNATURE):
-        found = block.find(_HEAP_SIGNATURE)
-        while found >= 0:
-            yield base + found
-            found = block.find(_HEAP_SIGNATURE, found + 1)
-
-        # a signature may lie across two blocks
-        kept = block[1 - len(_HEAP_SIGNATURE) :]
-        base, block = base + len(block) - len(kept), kept + file.read(_HEAP_STEP)
-        if len(block) == len(kept):
-            return
-
-
-def _is_filled(objects: bytes) -> bool:
-    """Whether the objects lie end to end; the free space at the end counts as one, of index zero."""
-    position = 0
-    while len(objects) - position >= _HEAP_HEADER:
-        index = int.from_bytes(objects[position : position + 2], "little")
-        size = int.from_bytes(objects[position + 8 : position + _HEAP_HEADER], "little")
-        length = _HEAP_HEADER + (size + 7) // 8 * 8 if index else size
-        if length < _HEAP_HEADER:
-            return False
-        position += length
-    return position <= len(objects)
