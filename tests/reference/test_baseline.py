@@ -199,6 +199,19 @@ def test_linear_data_look_the_same_through_vtk(shown):
     assert np.array_equal(first.element[both], second.element[both]) or isinstance(shown, CutSurface)
 
 
+def test_vtk_draws_fields_whose_names_have_control_characters():
+    """No file of VTK contains such names."""
+    pytest.importorskip("vtkmodules")
+    from elvis.reference.baseline.vtk import VtkBaseline
+
+    mesh = grid(Shape.HEXAHEDRON, 1)
+    names = ["u\x9b", "u\x7f"]
+    data = Dataset(mesh, tuple(approximated(Dataset(mesh), name, lambda x: x[:, 0], 2) for name in names))
+    for shown in (Faces(), Isosurface((0.6,))):
+        drawn = VtkBaseline(data, names).triangles(shown, "u\x7f")
+        assert np.allclose(drawn.values["u\x7f"], drawn.points[:, 0])
+
+
 def test_vtk_draws_the_order_of_the_data():
     """Of quadratic data on straight elements VTK's picture is better than linear elements', and not exact."""
     pytest.importorskip("vtkmodules")

@@ -148,11 +148,12 @@ def _of_vtk(
     name = "VTK's own cells"
     try:
         texts = [own.text for own in velocity.expressions]
-        cells = VtkBaseline(dataset, texts).grid
+        baseline = VtkBaseline(dataset, texts)
     except ElvisError as error:
         return [*found, Ends(name, skipped=str(error))]
     numpy_support = comparison_module("vtkmodules.util.numpy_support")
-    values = [numpy_support.vtk_to_numpy(cells.GetPointData().GetArray(text)) for text in texts]
+    cells = baseline.grid
+    values = [numpy_support.vtk_to_numpy(cells.GetPointData().GetArray(array)) for array in baseline.arrays.values()]
     vectors = np.zeros((len(values[0]), 3))
     vectors[:, : len(values)] = np.stack(values, axis=1)
     set_velocity(cells, vectors)

@@ -18,6 +18,7 @@ import numpy as np
 from elvis.core.arrays import Floats
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
+from elvis.core.terminal import plain_names
 from elvis.plugins.exporting import exporter
 from elvis.reference.baseline.linear_drawing import surfaces_of
 from elvis.reference.baseline.mesh import LinearMesh
@@ -47,7 +48,9 @@ class VtkBaseline:
             reader.Update()
             self.grid = reader.GetOutput()
         self.is_flat = dataset.mesh.dimension == 2
-        self.names, self.seconds = tuple(names), {"mesh": perf_counter() - start}
+        #: names of quantities, and of their arrays, without control characters
+        self.arrays = dict(zip(names, plain_names(names), strict=True))
+        self.seconds = {"mesh": perf_counter() - start}
 
     @property
     def counts(self) -> dict[str, int]:
@@ -80,7 +83,7 @@ class VtkBaseline:
                 made.SetCutFunction(_function(surface))
             case Isosurface(values=values, quantity=quantity):
                 made = comparison_module("vtkmodules.vtkFiltersCore").vtkContourFilter()
-                made.SetInputArrayToProcess(0, 0, 0, 0, quantity or field)
+                made.SetInputArrayToProcess(0, 0, 0, 0, self.arrays[quantity or field])
                 for number, value in enumerate(values):
                     made.SetValue(number, value)
             case Faces(select=("all",)):
@@ -113,14 +116,15 @@ class VtkBaseline:
         triangles.Update()
         found = triangles.GetOutput()
         if not found.GetNumberOfPolys():
-            return _nothing(self.names)
+            return _nothing(tuple(self.arrays))
 
         def column(data: Any, name: str) -> Any:
             return numpy_support.vtk_to_numpy(data.GetArray(name))
 
         points = numpy_support.vtk_to_numpy(found.GetPoints().GetData()).astype(np.float64)
         corners = numpy_support.vtk_to_numpy(found.GetPolys().GetConnectivityArray()).reshape(-1, 3)
-        values = {name: column(found.GetPointData(), name).astype(np.float64) for name in self.names}
+        points_data = found.GetPointData()
+        values = {name: column(points_data, array).astype(np.float64) for name, array in self.arrays.items()}
         element = column(found.GetCellData(), "element").astype(np.int64)
         return LinearMesh(points, values, np.full_like(points, np.nan), corners.astype(np.int32), element)
 
