@@ -116,6 +116,7 @@ def test_pixels_show_the_cone_and_the_cylinder(draw, steady, shape, camera):
     depth = first_of_union(parts) / rays_of(frame)[2]
     proved = frame.status.ravel() != Status.AMBIGUOUS
     assert proved.mean() > 0.98
+    assert proved[frame.seen.ravel()].mean() > 0.9
     assert np.array_equal(frame.seen.ravel()[proved], np.isfinite(depth)[proved])
     both = proved & np.isfinite(depth)
     assert both.sum() >= 30
