@@ -18,6 +18,8 @@ _FILES = {
 }
 #: bytes from which on an array has pages of its own, and the number of this setting in glibc's malloc.h
 _OWN_PAGES, _MMAP_THRESHOLD = 1 << 22, -3
+#: bytes of free memory at the end of the heap that stay with the process, and the number of this setting
+_RETAINED, _TRIM_THRESHOLD = 1 << 27, -1
 
 
 def give_back_at_once() -> None:
@@ -29,6 +31,20 @@ def give_back_at_once() -> None:
     set_option = _of_glibc("mallopt")
     if set_option is not None:
         set_option(_MMAP_THRESHOLD, _OWN_PAGES)
+
+
+def retain_free_memory() -> None:
+    """Reuse the pages of freed arrays up to 4 MiB instead of returning them, for the rest of the process.
+
+    By default, glibc returns the end of its heap to the system once a few arrays at this end are freed.  The next
+    arrays then need new pages, and clearing these costs a virtual machine more than the arithmetic on the arrays.  Has
+    no effect without glibc.
+    """
+    set_option = _of_glibc("mallopt")
+    if set_option is not None:
+        # either setting ends the automatic choice of both
+        set_option(_MMAP_THRESHOLD, _OWN_PAGES)
+        set_option(_TRIM_THRESHOLD, _RETAINED)
 
 
 def release_free_memory() -> None:
