@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from elvis.plugins.faces import faces_of
 from elvis.plugins.fourier import FourierBox, write_box
 from elvis.plugins.host_evaluation import HostEvaluation, evaluate_expression, host_evaluations, numerical_derivatives
 from elvis.plugins.host_patch import HostPatch
+from elvis.plugins.host_quality import host_quality
 from elvis.plugins.nurbs import Nurbs
 from elvis.plugins.opening import PluginData
 from elvis.plugins.serving import names_of, volume_of
@@ -202,6 +204,34 @@ def test_facts_about_elements_agree_in_every_form(renderer, pipe):
         found = drawing.sample_elements(0, rows, points / 2, text).value
         wanted = evaluate_expression(Expression.parse(text, names_of(pipe)), {"u": host}, rows, points)
         assert np.abs(found - wanted).max() <= 1e-9 * np.abs(wanted).max(), text
+
+
+@pytest.mark.parametrize("unit", [False, True])
+def test_quality_of_a_stretched_cube_is_its_closed_form(unit, tmp_path):
+    """Edges 4, 2 and 2: the mean ratio is 3 det^(2/3)/|T|^2 = 3 2^(2/3)/6, the size is the cube root of 16."""
+
+    def evaluate(elements, points):
+        r = 2 * points - 1 if unit else points
+        return r * [2, 1, 1] + 5.0 * elements[:, None], r[:, 0]
+
+    (tmp_path / "none.slang").touch()
+    boxes = np.tile(np.array([-9, -9, -9, 9, 9, 9], np.float32), (2, 1))
+    part = Part("none", "Cube", np.array([4, 7]), boxes, {}, shape=Shape.HEXAHEDRON, unit=unit, evaluate=evaluate)
+    source = SimpleNamespace(fields=("u",), volume=lambda field: PartsVolume([part], tmp_path))
+    found = host_quality(PluginData("cube", source))
+    wanted = {
+        "quality": 2 ** (2 / 3) / 2,
+        "scaled_jacobian": 1,
+        "jacobian_ratio": 1,
+        "edge_ratio": 2,
+        "h": 16 ** (1 / 3),
+    }
+    assert {name: pytest.approx([value] * 2, rel=1e-9) for name, value in wanted.items()} == found.measures
+    assert found.element_ids.tolist() == [4, 7]
+    assert np.abs(found.places - [[0, 0, 0], [5, 5, 5]]).max() < 1e-12
+    source.volume = lambda field: PartsVolume([replace(part, evaluate=None)], tmp_path)
+    with pytest.raises(ElvisError, match="the plugin cube does not describe its elements in NumPy"):
+        host_quality(PluginData("cube", source))
 
 
 def test_expressions_of_a_plugin_match_the_reference(agree, box):

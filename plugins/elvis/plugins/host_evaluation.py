@@ -182,14 +182,22 @@ def _attribute(name: str, host: HostEvaluation, rows: Ints, jacobians: Callable[
     if name not in (*POINTWISE, "quality"):
         raise ElvisError(f"there is no {name} of elements that a runtime plugin describes in NumPy")
     own = jacobians()[:, : host.shape.dimension] * (2.0 if host.part.unit else 1.0)
-    determinant = np.linalg.det(own)
     if name == "jacobian":
-        return np.asarray(determinant)
-    if name == "scaled_jacobian":
-        return np.asarray(determinant / np.linalg.norm(own, axis=1).prod(axis=1))
+        return np.asarray(np.linalg.det(own))
+    return scaled_determinants(own) if name == "scaled_jacobian" else mean_ratios(host.shape, own)
 
-    # mean ratio: 1 for the ideal element of the shape, 0 where it is inverted
-    inverse = from_ideal(host.shape)
-    d = host.shape.dimension
-    size = ((own @ inverse) ** 2).sum(axis=(1, 2))
-    return np.asarray(d * np.maximum(determinant * np.linalg.det(inverse), 0.0) ** (2 / d) / size)
+
+def scaled_determinants(jacobians: Floats) -> Floats:
+    """(n,) determinants of Jacobians (n, d, d), divided by the lengths of their columns."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.linalg.det(jacobians) / np.linalg.norm(jacobians, axis=1).prod(axis=1))
+
+
+def mean_ratios(shape: Shape, jacobians: Floats) -> Floats:
+    """(n,) 1 where Jacobians (n, d, d) scale and turn the ideal element of a shape, 0 where they invert it."""
+    inverse = from_ideal(shape)
+    d = shape.dimension
+    determinants = np.linalg.det(jacobians) * np.linalg.det(inverse)
+    size = ((jacobians @ inverse) ** 2).sum(axis=(1, 2))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(d * np.maximum(determinants, 0.0) ** (2 / d) / size)

@@ -149,9 +149,11 @@ def info(
         "extrema": partial(print_extrema, quantities, as_json, without_top_modes),
         "critical": partial(_isolate, names=quantities, wall=wall, as_json=as_json),
         "resolution": partial(print_resolution, names=quantities, as_json=as_json),
-        "quality": partial(print_quality, as_json=as_json),
         "waves": partial(print_waves, box=box, as_json=as_json),
     }
+    if asked["quality"]:
+        print_quality(source, as_json)
+        return
     if _is_done(source, tasks, asked):
         return
     if asked["predefined"]:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from elvis.renderer.commands.sources import NativeSource
+    from elvis.core.mesh_quality import MeshQuality
+    from elvis.renderer.commands.sources import Source
 
 #: names of measures in the tables
 _TITLES = {
@@ -22,13 +23,12 @@ longest edge divided by the shortest; h: d-th root of the volume. Values inside 
 _TIME_STEP = "time step: that of CFL number 1, for explicit advection of the order of the fields"
 
 
-def print_quality(source: NativeSource, as_json: bool) -> None:
+def print_quality(source: Source, as_json: bool) -> None:
     """Print the range of each measure, and the worst elements."""
-    from elvis.core.mesh_quality import mesh_quality
     from elvis.core.terminal import print_json, print_table, say, stage
 
     with stage("measuring"):
-        facts = mesh_quality(source.dataset).facts()
+        facts = _quality(source).facts()
     if as_json:
         print_json(facts)
         return
@@ -41,6 +41,17 @@ def print_quality(source: NativeSource, as_json: bool) -> None:
     say(_LEGEND)
     if "time_step" in measures:
         say(_TIME_STEP)
+
+
+def _quality(source: Source) -> MeshQuality:
+    """The measures of native data, or of those that a runtime plugin has opened."""
+    if source.dataset is not None:
+        from elvis.core.mesh_quality import mesh_quality
+
+        return mesh_quality(source.dataset)
+    from elvis.plugins.host_quality import host_quality
+
+    return host_quality(source.opened)
 
 
 def _range(own: dict[str, Any]) -> tuple[object, ...]:
