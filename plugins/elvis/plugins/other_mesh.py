@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elvis.core.arrays import Floats
+from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.distances import nearest, surface_of
 from elvis.core.errors import ElvisError
@@ -112,6 +112,25 @@ class OtherMesh(OnMesh):
     def locate(self, places: Floats) -> Location:
         """Locations of world points (n, 3) in the source."""
         return self._locator.locate(places)
+
+    def is_near(self, places: Floats, reach: float) -> Bools:
+        """(n,) whether elements may be within the box of points (n, k, 3), enlarged by a part of its diagonal."""
+        low, high = places.min(axis=1), places.max(axis=1)
+        extra = reach * np.linalg.norm(high - low, axis=1, keepdims=True)
+        near = np.zeros(len(places), bool)
+        near[self._locator.tree.overlaps(low - extra, high + extra)[0]] = True
+        return near
+
+    def in_elements(self, number: int, rows: Ints, places: Floats) -> tuple[Bools, Floats]:
+        """Which world points (n, 3) are outside elements ``rows`` (n,) of a patch, and values (fields, n) in these."""
+        roots = self._locator.invert(number, rows, places)
+        is_outside = roots.status != Status.INSIDE
+        found = np.full((len(self._names), len(places)), np.nan)
+        here = np.flatnonzero(~is_outside)
+        points = ElementPoints(self._patches[number], rows[here], roots.reference[here])
+        for i in range(len(self._names)) if len(here) else ():
+            found[i, here] = points.derivative(i, 0)
+        return is_outside, found
 
     def at(self, places: Floats) -> tuple[Location, Floats]:
         """Locations of world points (n, 3) in the source, and the values (fields, n) there."""
