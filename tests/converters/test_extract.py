@@ -115,6 +115,23 @@ def test_a_plane_along_faces_is_extracted_once():
     assert len(found.triangles) == 8
 
 
+def test_a_surface_along_curved_faces_has_no_holes():
+    """A part of a cylinder that is the common face of elements to rounding: it changes from one side to the other."""
+
+    def bent(x):
+        radius, angle = 1 + x[..., 0], x[..., 1] / 3
+        return np.stack([radius * np.cos(angle), radius * np.sin(angle), x[..., 2]], axis=-1)
+
+    found = level_triangles(Dataset(curved(grid(Shape.PRISM, 2), bent, 8)), "x*x+y*y=2.25", [], 1e-4)
+    assert found.area == pytest.approx(0.5, rel=1e-5)
+    edges = found.points[np.sort(mesh_of(found).edges, axis=1)]
+    _, first, count = np.unique(np.sort(mesh_of(found).edges, axis=1), axis=0, return_index=True, return_counts=True)
+    middle = edges[first[count == 1]].mean(axis=1)
+    angle = np.arctan2(middle[:, 1], middle[:, 0]) * 3
+    at_border = [np.abs(own - end) < 1e-6 for own in (angle, middle[:, 2]) for end in (0, 1)]
+    assert np.any(at_border, axis=0).all()
+
+
 @pytest.mark.parametrize(
     ("shape", "order", "quantity"),
     [(Shape.TETRAHEDRON, 4, "d(u,x)"), (Shape.HEXAHEDRON, 4, "vorticity")],
@@ -180,6 +197,34 @@ def test_boxes_of_several_sizes_meet_without_gaps(data):
     edges = mesh.edges_unique_length
     assert edges.max() > 5 * np.median(edges)
     assert mesh.volume == pytest.approx(4 / 3 * np.pi * 0.3 * 0.06**2, rel=0.01)
+
+
+def pyramids_and_tetrahedra():
+    """The cube [0, 1]^3 as pyramids from its middle to three faces, and pairs of tetrahedra to the others."""
+    cube = Shape.HEXAHEDRON.vertices / 2 + 0.5
+    faces = [cube[list(face)] for face in Shape.HEXAHEDRON.faces]
+    middle = np.array([[0.5, 0.5, 0.55]])
+    pyramids = np.array([np.concatenate([face, middle]) for face in faces[::2]])
+    halves = [np.concatenate([face[list(own)], middle]) for face in faces[1::2] for own in ((0, 1, 2), (0, 2, 3))]
+    return from_arrays({"pyramid": pyramids, "tetrahedron": np.array(halves)})
+
+
+@pytest.mark.parametrize("map_of", [None, ripple(0.02)])
+def test_pyramids_and_tetrahedra_cut_their_common_faces_alike(map_of):
+    """A sphere that runs through faces between them, in part without meeting their edges."""
+    data = pyramids_and_tetrahedra()
+    data = data if map_of is None else Dataset(curved(data.mesh, map_of, 2))
+    for radius, tolerance in ((0.31, 0.01), (0.1, 0.01)):
+        found = level_triangles(data, f"sphere:0.52,0.47,0.53:{radius}", ["x"], tolerance)
+        mesh = mesh_of(found)
+        assert mesh.is_watertight
+        assert mesh.is_winding_consistent
+        assert mesh.volume == pytest.approx(4 / 3 * np.pi * radius**3, rel=0.02)
+        middles = found.points[found.triangles].mean(axis=1)
+        off = np.linalg.norm(np.concatenate([found.points, middles]) - [0.52, 0.47, 0.53], axis=1) - radius
+        assert np.abs(off[: len(found.points)]).max() < 1e-12
+        assert np.abs(off).max() <= found.distance <= tolerance
+        assert np.abs(found.values["x"] - found.points[:, 0]).max() < 1e-12
 
 
 def test_elements_of_other_orders_divide_their_own_faces_only():
@@ -273,6 +318,21 @@ def test_isolines_of_plane_data_are_within_the_stated_distance(data):
     assert rows[0] == rows[-1]
     angles = 2 * np.arcsin(np.linalg.norm(stop - start, axis=1) / 0.62)
     assert angles.sum() == pytest.approx(2 * np.pi, abs=1e-10)
+
+
+def test_lines_of_plane_data_are_clipped(tmp_path, elvis, elvis_json):
+    """A chord of a circle that both ends of its only segments lie outside of, and an arc that a line cuts."""
+    data = Dataset(grid(Shape.QUADRILATERAL, 1))
+    files = write(replace(data, fields=(approximated(data, "u", FUNCTIONS["u"], 3),)), tmp_path / "a.xml")
+    chord = ["--plane", "0,0.6,0:0,1,0", "--clip", "outside:sphere:0.5,0.5,0:0.2", "--field", "v=3*x"]
+    found = elvis_json("extract", *files, *chord, "-o", tmp_path / "a.vtp")
+    assert found["length"] == pytest.approx(2 * np.sqrt(0.2**2 - 0.1**2), abs=1e-12)
+    arc = ["--cut", "sphere:0.5,0.5,0:0.3", "--clip", "plane:0.65,0,0:1,0,0", "--tolerance", "1e-5"]
+    found = elvis_json("extract", *files, *arc, "-o", tmp_path / "b.vtp")
+    # the clip removes x < 0.65: half the angle of the arc is arccos(0.15/0.3) = 60 degrees
+    assert found["length"] == pytest.approx(0.3 * 2 * np.pi / 3, abs=1e-4)
+    with pytest.raises(ElvisError, match="expected some of the lines to be left, found none"):
+        elvis("extract", *files, *arc, "--clip", "plane:9,0,0:1,0,0", "-o", tmp_path / "c.vtp")
 
 
 def test_lines_of_plane_data_are_written_for_vtk(tmp_path, elvis, elvis_json):

@@ -39,6 +39,29 @@ field_option = click.option(
 )
 
 
+named_field_option = click.option(
+    "--field",
+    "-f",
+    "quantities",
+    multiple=True,
+    metavar="[NAME=]EXPR",
+    help="Field, expression such as sqrt(u^2+v^2) or Cp=2*(p-1), or predefined quantity.  Repeatable.",
+)
+
+
+def named_expressions(texts: Iterable[str]) -> dict[str, str]:
+    """Expressions by their names: of NAME=EXPR, else the texts themselves; raises ElvisError for a name used twice."""
+    found = dict[str, str]()
+    for text in texts:
+        name, sign, rest = (part.strip() for part in text.partition("="))
+        is_named = bool(sign) and name.isidentifier()
+        label = name if is_named else text
+        if label in found:
+            raise ElvisError(f"--field: expected each name once, found {label!r} again")
+        found[label] = rest if is_named else text
+    return found
+
+
 def names_option(text: str) -> Callable[[Any], Any]:
     """The option for names of fields of a command that takes no expressions; ``text`` is its help."""
     return click.option("--fields", "--field", "-f", "fields", metavar="NAMES", help=text)

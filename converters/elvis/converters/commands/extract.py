@@ -14,6 +14,7 @@ from elvis.core.arguments import (
     cache_option,
     complex_options,
     deform_options,
+    named_expressions,
     other_option,
     overwrite_option,
     reader_option,
@@ -176,6 +177,9 @@ def _write(dataset: Dataset, surface: tuple[str, str], is_mesh: bool, output: Pa
         _write_mesh(dataset, name, output, options["quantities"], options["as_json"])
     elif dataset.mesh.dimension == 2 and kind != "boundary" and kind != "seeds":
         _write_level_lines(dataset, name, output, **options)
+    elif dataset.mesh.dimension == 2 and kind == "boundary":
+        known = ", ".join(_MESHES)
+        raise ElvisError(f"{output}: expected a name ending in {known}, as boundaries of 2D data are lines")
     elif kind == "seeds":
         _write_lines(dataset, name.split("\n"), output, options["quantities"], options["clips"])
     else:
@@ -241,15 +245,7 @@ def _check_curved(output: Path, surface: tuple[str, str], options: dict[str, Any
 
 def _named(dataset: Dataset, texts: tuple[str, ...]) -> dict[str, str]:
     """Expressions by their names; without texts, all fields."""
-    found = dict[str, str]()
-    for text in texts or tuple(dataset):
-        name, sign, rest = (part.strip() for part in text.partition("="))
-        is_named = bool(sign) and name.isidentifier()
-        label = name if is_named else text
-        if label in found:
-            raise ElvisError(f"--field: expected each name once, found {label!r} again")
-        found[label] = rest if is_named else text
-    return found
+    return named_expressions(texts or tuple(dataset))
 
 
 def _write_lines(
@@ -288,15 +284,19 @@ def _write_level_lines(
     """Find the lines of a curve in 2D data and write them."""
     from elvis.core.terminal import note, print_json, say, stage
     from elvis.core.triangles import level_lines
+    from elvis.core.triangles.clipped import clipped_lines_of_level
+    from elvis.core.triangles.surface_triangles import default_tolerance
 
+    if any(block.expansion.homogeneous for own in dataset.fields for block in own.blocks):
+        raise ElvisError(f"{curve}: expected no Fourier direction; elvis convert --extrude makes volume elements of it")
     if output.suffix not in _LINES:
         known = " or ".join(_LINES)
         raise ElvisError(f"{output}: expected a name ending in {known}, as {curve} meets 2D data in lines")
-    if clips:
-        raise ElvisError("--clip: expected 3D data or --streamlines, found 2D data")
     named = _named(dataset, quantities)
     with stage(f"lines of {curve}"):
         found = level_lines(dataset, curve, list(named.values()), tolerance)
+        for clip in clips:
+            found = clipped_lines_of_level(found, dataset, clip, default_tolerance(dataset, tolerance))
     number = _save_lines(found, {name: found.values[text] for name, text in named.items()}, output)
     for sentence in found.remarks:
         note(sentence)

@@ -18,7 +18,6 @@ from elvis.core.errors import ElvisError
 from elvis.core.quantities.expression import Expression
 from elvis.core.triangles.cell_boxes import Boxes, CellBoxes
 from elvis.core.triangles.cell_places import SAME_VALUE, CellPlaces, Cells, shared_numbers
-from elvis.core.triangles.level_cells import ROUNDING
 from elvis.core.wall_curves.chains import SAME_PLACE
 
 
@@ -112,7 +111,7 @@ class BoxNodes:
         self._positions[outer] = positions
 
     def _rounded(self, values: Floats) -> Floats:
-        return np.where(np.abs(values) <= ROUNDING * self._scale, 0.0, values)
+        return np.where(np.abs(values) <= self.cells.noise, 0.0, values)
 
     def index(self, keys: Ints) -> Ints:
         """The rows of known keys, of any shape."""

@@ -41,10 +41,14 @@ class CellPlaces:
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """Boxes of cells, grouped by cell, and the evaluator of expressions there."""
+    """Boxes of cells, grouped by cell, and the evaluator of expressions there.
+
+    noise  magnitude of q up to which it counts as zero
+    """
 
     evaluator: Evaluator
     boxes: Sequence[CellBoxes]
+    noise: float = 0.0
 
     def points(self, places: CellPlaces) -> Iterator[tuple[Ints, ElementPoints, Floats]]:
         """Which of the places, as points of elements, with the derivatives (k, 3, 3) of cells' maps to elements."""
@@ -88,6 +92,24 @@ class Cells:
         for here, points, columns in self.points(places):
             found[here] = np.linalg.det(points.jacobians[:, : columns.shape[1]] @ columns)
         return found
+
+
+@dataclass(frozen=True, eq=False)
+class Marched:
+    """Triangles in boxes, with their corners on the surface.
+
+    nodes      (n,) corners of triangles
+    triangles  (m, 3) rows of these; lines (m, 2) in 2D
+    corners    nodes of boxes
+    numbers    (m, d, 2) the nodes of the box of each triangle between which each of its corners lies
+    shares     (m, d) where it lies between the two
+    """
+
+    nodes: CellPlaces
+    triangles: Ints
+    corners: CellPlaces
+    numbers: Ints
+    shares: Floats
 
 
 def shared_numbers(points: Floats, values: Floats, scale: float) -> Ints:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.integrals.coordinate_levels import coordinate_clip, heights
 from elvis.core.quantities.tree import Node, world_derivative
+from elvis.core.triangles.level_lines import LevelLines
 from elvis.core.triangles.surface_triangles import SurfaceTriangles
 
 #: halvings of an edge in search of where the surface cuts it, and of edges that it is not straight along
@@ -46,17 +48,22 @@ def _divided(surface: SurfaceTriangles, root: Node, tolerance: float) -> Surface
     gradient = [world_derivative(root, axis) for axis in range(3)]
     for _ in range(_DIVISIONS):
         edges, number = _edges(surface.triangles)
-        start, stop = (surface.points[edges[:, k]] for k in (0, 1))
-        middle, length = (start + stop) / 2, np.linalg.norm(stop - start, axis=1)
-        height = heights(root, middle)
-        bend = np.abs(height - (heights(root, start) + heights(root, stop)) / 2)
-        slope = np.linalg.norm([heights(own, middle) for own in gradient], axis=0)
-        is_near = np.abs(height) <= slope * length + 4 * bend
-        marked = is_near & (bend > tolerance * slope)
+        marked = _are_bent(root, gradient, surface.points[edges], tolerance)
         if not marked.any():
             break
         surface = _halved(surface, edges, number, marked)
     return surface
+
+
+def _are_bent(root: Node, gradient: Sequence[Node], ends: Floats, tolerance: float) -> Bools:
+    """(k,) whether the clip may meet edges with ends (k, 2, 3), and is not straight along them."""
+    start, stop = ends[:, 0], ends[:, 1]
+    middle, length = (start + stop) / 2, np.linalg.norm(stop - start, axis=1)
+    height = heights(root, middle)
+    bend = np.abs(height - (heights(root, start) + heights(root, stop)) / 2)
+    slope = np.linalg.norm([heights(own, middle) for own in gradient], axis=0)
+    is_near = np.abs(height) <= slope * length + 4 * bend
+    return np.asarray(is_near & (bend > tolerance * slope))
 
 
 def _edges(triangles: Ints) -> tuple[Ints, Ints]:
@@ -110,14 +117,19 @@ def _cut(surface: SurfaceTriangles, root: Node, inside: Bools, cut: Ints) -> tup
 
 def _with_points(surface: SurfaceTriangles, root: Node, ends: Ints) -> SurfaceTriangles:
     """The surface with a point on each edge from one of its points to another (k, 2), where the clip has its zero."""
-    start, stop = surface.points[ends[:, 0]], surface.points[ends[:, 1]]
+    return _between(surface, ends, _zeros(root, surface.points[ends]))
+
+
+def _zeros(root: Node, ends: Floats) -> Floats:
+    """(k,) where the clip has its zero between ends (k, 2, 3), as a share of the way."""
+    start, stop = ends[:, 0], ends[:, 1]
     low, high = np.zeros(len(ends)), np.ones(len(ends))
     sign = heights(root, start) < 0
     for _ in range(_HALVINGS):
         middle = (low + high) / 2
         is_before = (heights(root, start + middle[:, None] * (stop - start)) < 0) == sign
         low, high = np.where(is_before, middle, low), np.where(is_before, high, middle)
-    return _between(surface, ends, (low + high) / 2)
+    return np.asarray((low + high) / 2)
 
 
 def _between(surface: SurfaceTriangles, ends: Ints, t: Floats) -> SurfaceTriangles:
@@ -131,3 +143,40 @@ def _between(surface: SurfaceTriangles, ends: Ints, t: Floats) -> SurfaceTriangl
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
     values = {name: extended(own) for name, own in surface.values.items()}
     return replace(surface, points=extended(surface.points), normals=normals, values=values)
+
+
+def clipped_lines_of_level(curve: LevelLines, dataset: Dataset, clip: str, tolerance: float) -> LevelLines:
+    """The part of lines inside ``plane:P:N``, ``sphere:C:R`` or ``cylinder:P:A:R``; see `clipped`."""
+    root = coordinate_clip(dataset, clip)
+    gradient = [world_derivative(root, axis) for axis in range(3)]
+    for _ in range(_DIVISIONS):
+        marked = _are_bent(root, gradient, curve.points[curve.lines], tolerance)
+        if not marked.any():
+            break
+        curve = _with_cuts(curve, marked, np.full(int(marked.sum()), 0.5))
+    inside = heights(root, curve.points) < 0
+    is_cut = inside[curve.lines[:, 0]] != inside[curve.lines[:, 1]]
+    old = len(curve.points)
+    curve = _with_cuts(curve, is_cut, _zeros(root, curve.points[curve.lines[is_cut]]))
+
+    # points on the clip belong to both sides: the other end of a line decides
+    is_left = np.append(inside, np.ones(len(curve.points) - old, bool))[curve.lines].all(axis=1)
+    if not is_left.any():
+        raise ElvisError(f"--clip {clip}: expected some of the lines to be left, found none")
+    used, flat = np.unique(curve.lines[is_left], return_inverse=True)
+    values = {name: own[used] for name, own in curve.values.items()}
+    return replace(curve, points=curve.points[used], lines=flat.reshape(-1, 2), values=values)
+
+
+def _with_cuts(curve: LevelLines, chosen: Bools, t: Floats) -> LevelLines:
+    """Lines of which the chosen ones (k,) are divided in two, at a share t (k,) of the way; values are linear."""
+    start, stop = curve.lines[chosen].T
+    middles = len(curve.points) + np.arange(len(start))
+    halves = [curve.lines[~chosen], np.stack([start, middles], axis=1), np.stack([middles, stop], axis=1)]
+
+    def extended(own: Floats) -> Floats:
+        weight = t.reshape(-1, *(1,) * (own.ndim - 1))
+        return np.concatenate([own, (1 - weight) * own[start] + weight * own[stop]])
+
+    values = {name: extended(own) for name, own in curve.values.items()}
+    return replace(curve, points=extended(curve.points), lines=np.concatenate(halves), values=values)

@@ -16,10 +16,10 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.quantities.expression import Expression
-from elvis.core.triangles.cell_places import CellPlaces, Cells
+from elvis.core.triangles.cell_places import CellPlaces, Cells, Marched
 from elvis.core.triangles.level_cells import cell_blocks
 from elvis.core.triangles.surface_triangles import default_tolerance
-from elvis.core.triangles.triangulation import Marched, cells_within, march, prepared
+from elvis.core.triangles.triangulation import cells_within, march, prepared
 
 #: orders of triangles
 ORDERS = (2, 10)

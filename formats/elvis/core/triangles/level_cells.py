@@ -24,6 +24,7 @@ from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import bernstein_space, line_tables
 from elvis.core.polynomials.boxnets import box_degrees, difference, halves, nets_through
 from elvis.core.polynomials.evaluation import evaluate
+from elvis.core.quantities.element_points import Lattice
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.expression_nets import NetsOf, degree_on, lattice_of, places_of
@@ -38,8 +39,8 @@ _DEGREE_OF_OTHERS = 8
 _NEGLIGIBLE = 1e-5
 #: by how much the degree of the polynomial rises in turn until its error is small
 _HIGHER = (0, 4, 8)
-#: values below this share of the largest coefficient are rounding
-ROUNDING = 1e-13
+#: values below this share of the largest one are rounding
+_ROUNDING = 1e-13
 #: second derivatives that count as rounding, relative to their terms
 _FLAT = 1e-12
 #: elements of a block at most
@@ -59,6 +60,7 @@ class CellBlock:
     maps    (n, d, M, …, M) nets of the map
     slack   (n,) how far q may be from its polynomial at most
     is_exact  whether q is within that of its polynomial, and the map is its polynomial
+    noise   magnitude of q up to which it counts as zero
     """
 
     patch: int
@@ -71,6 +73,7 @@ class CellBlock:
     maps: Floats
     slack: Floats
     is_exact: bool
+    noise: float
 
     def take(self, chosen: Ints | Bools | slice) -> CellBlock:
         """Some of the boxes."""
@@ -94,7 +97,7 @@ class CellBlock:
             rows, slack = np.tile(rows, 2), np.tile(slack, 2)
             index = np.concatenate([grown, grown + step])
             levels, maps = np.concatenate(halves(levels, axis)), np.concatenate(halves(maps, 1 + axis))
-        near = ~_has_one_sign(levels, slack)
+        near = ~_has_one_sign(levels, slack, self.noise)
         whole = replace(self, rows=rows, index=index, levels=levels, maps=maps, slack=slack)
         return whole.take(near)
 
@@ -116,6 +119,7 @@ def cell_blocks(evaluator: Evaluator, level: Expression) -> Iterator[CellBlock]:
     Raises ElvisError if q is not finite somewhere.
     """
     is_mixed = len({patch.shape for patch in evaluator.patches}) > 1
+    noise = _noise(evaluator, level)
     for number, patch in enumerate(evaluator.patches):
         for rows, is_affine in _by_map(patch):
             degree = degree_on(level, evaluator, patch, is_affine)
@@ -125,9 +129,25 @@ def cell_blocks(evaluator: Evaluator, level: Expression) -> Iterator[CellBlock]:
             d = patch.shape.dimension
             numbers = (degrees[-1] + 1) ** d + d * (_map_degree(patch) + 1) ** d
             for some in chunks(len(rows), max(1, _NUMBERS // numbers)):
-                for block in _blocks_of(nets, number, rows[some]):
+                for block in _blocks_of(nets, number, rows[some], noise):
                     splits = first_halvings(patch.shape, is_mixed)
                     yield replace(block, splits=splits).halved([axis for axis in range(d) if splits[axis]])
+
+
+def _noise(evaluator: Evaluator, level: Expression) -> float:
+    """The rounding of q, by its values at vertices and in the middle of elements.
+
+    All elements need the same number: where the surface runs along a face, one of the two must count it as its own.
+    """
+    largest = 0.0
+    for patch in evaluator.patches:
+        places = np.vstack([patch.shape.vertices, patch.shape.vertices.mean(axis=0)])
+        for some in chunks(len(patch), max(1, _NUMBERS // len(places))):
+            lattice = Lattice(patch, np.arange(some.start, some.stop), places)
+            (values,) = evaluator.values_at([level], lattice)
+            finite = np.abs(np.asarray(values))[np.isfinite(values)]
+            largest = max(largest, float(finite.max(initial=0.0)))
+    return _ROUNDING * largest
 
 
 def _by_map(patch: Patch) -> Iterator[tuple[Ints, bool]]:
@@ -190,20 +210,20 @@ class _CellNets:
         return found
 
 
-def _blocks_of(nets: _CellNets, number: int, rows: Ints) -> Iterator[CellBlock]:
+def _blocks_of(nets: _CellNets, number: int, rows: Ints, noise: float) -> Iterator[CellBlock]:
     """The cells of some elements of a patch."""
     patch = nets.patch
     map_places = places_of(_map_degree(patch))
     for cell in range(len(corners(patch.shape))):
         levels, slack, is_bounded = nets.on(rows, cell)
-        near = ~_has_one_sign(levels, slack)
+        near = ~_has_one_sign(levels, slack, noise)
         lattice = _in_cell(patch.shape, cell, map_places)
         world = evaluate(patch.geometry, patch.geometry_coefficients[rows[near]], lattice)
         count, d = len(map_places), patch.shape.dimension
         maps = nets_through(world[:, :d].reshape(-1, count**d), map_places, d).reshape(-1, d, *(count,) * d)
         start = np.zeros((int(near.sum()), d), np.int64)
         own = rows[near], start, levels[near], maps, slack[near], is_bounded
-        whole = CellBlock(number, patch.shape, cell, (0,) * d, *own)
+        whole = CellBlock(number, patch.shape, cell, (0,) * d, *own, noise)
         yield from (whole.take(some) for some in chunks(len(whole.rows), _ELEMENTS))
 
 
@@ -213,10 +233,10 @@ def _in_cell(shape: Shape, cell: int, places: Floats) -> Floats:
     return subcell_map(shape, np.full(len(lattice), cell), lattice)[0]
 
 
-def _has_one_sign(nets: Floats, slack: Floats) -> Bools:
-    """(n,) whether nets exclude a zero of functions that are within ``slack`` (n,) of them."""
+def _has_one_sign(nets: Floats, slack: Floats, noise: float) -> Bools:
+    """(n,) whether nets exclude a zero of functions that are within ``slack`` (n,) of them, and values of noise."""
     flat = nets.reshape(len(nets), nets[0].size if len(nets) else 1)
-    band = np.maximum(ROUNDING * np.abs(flat).max(axis=1), slack)
+    band = np.maximum(np.maximum(_ROUNDING * np.abs(flat).max(axis=1), slack), noise)
     return np.asarray((flat.min(axis=1) > band) | (flat.max(axis=1) < -band))
 
 

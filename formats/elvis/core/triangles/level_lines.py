@@ -78,5 +78,5 @@ def level_lines(
     named = dict(zip(quantities, values, strict=True))
     bounds = np.concatenate([own.leaves.bounds for own in cells.boxes])
     is_bound = all(block.is_exact for block in blocks)
-    notes = remarks(evaluator, bounds[bounds > wanted])
+    notes = remarks(bounds[bounds > wanted])
     return LevelLines(cells.positions(marched.nodes), marched.triangles, named, float(bounds.max()), is_bound, notes)

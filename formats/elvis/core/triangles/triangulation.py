@@ -8,7 +8,7 @@ zero is found to rounding.  Triangles then meet along common edges wherever q is
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,9 +22,10 @@ from elvis.core.quantities.tree import Node, call, number, world_derivative
 from elvis.core.shapes import Shape
 from elvis.core.triangles.box_nodes import BoxNodes
 from elvis.core.triangles.cell_boxes import refined
-from elvis.core.triangles.cell_places import CellPlaces, Cells
+from elvis.core.triangles.cell_places import CellPlaces, Cells, Marched
 from elvis.core.triangles.conforming_boxes import conforming_simplices
 from elvis.core.triangles.level_cells import CellBlock, cell_blocks
+from elvis.core.triangles.stitching import stitched
 from elvis.core.triangles.surface_triangles import SurfaceTriangles, default_tolerance
 from elvis.core.triangles.tetrahedra import parts_between
 
@@ -32,6 +33,8 @@ from elvis.core.triangles.tetrahedra import parts_between
 _STEPS = 80
 #: shares of the edge at which it ends: the last change, and the next one
 _STILL, _STEP = 2e-16, 1e-15
+#: attempts at most to stay within the tolerance where elements cut a common face along different lines
+_ATTEMPTS = 2
 
 
 def level_triangles(
@@ -53,20 +56,33 @@ def level_triangles(
     wanted = default_tolerance(dataset, tolerance)
     level, gradient, evaluator = prepared(dataset, surface, quantities)
     blocks = list(cell_blocks(evaluator, level))
-    cells = cells_within(evaluator, blocks, wanted)
-    marched = march(cells, level, surface)
-    points, triangles = marched.nodes, marched.triangles
+    within, triangles, moved = wanted, np.empty((0, 3), np.int64), 0.0
+    for _ in range(_ATTEMPTS):
+        cells = cells_within(evaluator, blocks, within)
+        marched = march(cells, level, surface)
+        positions = cells.positions(marched.nodes)
+        bounds = np.concatenate([own.leaves.bounds for own in cells.boxes])
+        triangles, moved = _without_gaps(cells, marched, positions)
+        if moved + float(bounds[bounds <= within].max(initial=0.0)) <= wanted:
+            break
+        within = wanted / 2
 
-    values = cells.values(points, evaluator.expressions[1:])
+    values = cells.values(marched.nodes, evaluator.expressions[1:])
     own = values[len(gradient) :]
     named = dict(zip(quantities, own, strict=True))
-    positions = cells.positions(points)
     is_bound = all(block.is_exact for block in blocks)
-    bounds = np.concatenate([own.leaves.bounds for own in cells.boxes])
-    distance = float(bounds.max())
+    distance = float(bounds.max()) + moved
     found = SurfaceTriangles(positions, triangles, np.zeros_like(positions), named, distance, is_bound)
     normals = _units(values[: len(gradient)].T) if gradient else _means(found)
-    return replace(found, normals=normals, remarks=remarks(evaluator, bounds[bounds > wanted]))
+    found = replace(found, normals=normals, remarks=remarks(bounds[bounds > wanted]))
+    return found if moved == 0 else found.compacted()
+
+
+def _without_gaps(cells: Cells, marched: Marched, positions: Floats) -> tuple[Ints, float]:
+    """The triangles without gaps next to pyramids, and by how much they have moved at most."""
+    if not has_seams({own.shape for own in cells.boxes}):
+        return marched.triangles, 0.0
+    return stitched(cells, marched, positions)
 
 
 def prepared(
@@ -98,25 +114,8 @@ def _without_root(root: Node) -> Node:
 
 def cells_within(evaluator: Evaluator, blocks: Sequence[CellBlock], tolerance: float) -> Cells:
     """The boxes whose triangles or lines are within the tolerance, wherever bounds show that."""
-    return Cells(evaluator, refined(blocks, tolerance))
-
-
-@dataclass(frozen=True, eq=False)
-class Marched:
-    """Triangles in boxes, with their corners on the surface.
-
-    nodes      (n,) corners of triangles
-    triangles  (m, 3) rows of these; lines (m, 2) in 2D
-    corners    nodes of boxes
-    numbers    (m, d, 2) the nodes of the box of each triangle between which each of its corners lies
-    shares     (m, d) where it lies between the two
-    """
-
-    nodes: CellPlaces
-    triangles: Ints
-    corners: CellPlaces
-    numbers: Ints
-    shares: Floats
+    noise = max((block.noise for block in blocks), default=0.0)
+    return Cells(evaluator, refined(blocks, tolerance), noise)
 
 
 def march(cells: Cells, level: Expression, surface: str) -> Marched:
@@ -256,16 +255,17 @@ def _means(found: SurfaceTriangles) -> Floats:
     return _units(total)
 
 
-def remarks(evaluator: Evaluator, beyond: Floats) -> tuple[str, ...]:
-    """Sentences on places (n,) beyond the tolerance, and on gaps next to pyramids, which are cut along other lines."""
-    found = []
-    if len(beyond):
-        boxes = f"{len(beyond)} box{'es' if len(beyond) > 1 else ''}"
-        found.append(
-            f"in {boxes}, as at tips of pyramids or where the gradient vanishes, the surface is only known to "
-            f"{float(beyond.max()):.2g}, the size of the box"
-        )
-    shapes = {patch.shape for patch in evaluator.patches}
-    if Shape.PYRAMID in shapes and shapes & {Shape.TETRAHEDRON, Shape.PRISM}:
-        found.append("the surface may have gaps, no wider than the tolerance, next to triangular faces of pyramids")
-    return tuple(found)
+def has_seams(shapes: set[Shape]) -> bool:
+    """Whether elements of these shapes may cut a common face along different lines."""
+    return Shape.PYRAMID in shapes and bool(shapes & {Shape.TETRAHEDRON, Shape.PRISM})
+
+
+def remarks(beyond: Floats) -> tuple[str, ...]:
+    """Sentences on places (n,) beyond the tolerance."""
+    if not len(beyond):
+        return ()
+    boxes = f"{len(beyond)} box{'es' if len(beyond) > 1 else ''}"
+    return (
+        f"in {boxes}, as at tips of pyramids or where the gradient vanishes, the surface is only known to "
+        f"{float(beyond.max()):.2g}, the size of the box",
+    )
