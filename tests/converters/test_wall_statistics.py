@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from elvis import Dataset, Shape, read, write
+from elvis import Dataset, Shape, from_arrays, read, write
 from elvis.core.testing import approximated, grid
 from elvis.plugins.command import elvis
 
@@ -45,6 +45,26 @@ def test_means_of_shear_that_changes_sign(folder, over):
         assert wall["OSI"](x, 0.0) == pytest.approx((1 - mean / size) / 2, rel=1e-9)
         assert wall["TAAFI"](x, 0.0) == pytest.approx(abs(weights @ np.sign(FACTORS)), rel=1e-10)
         assert wall["RRT"](x, 0.0) == pytest.approx(1 / (MU * mean * (1 + x)), rel=1e-9)
+        assert wall["WSSG"](x, 0.0) == pytest.approx(MU * mean, rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("shear", "gradient"),
+    [
+        (lambda x, y: (x, y), lambda x, y: np.sqrt(2)),
+        (lambda x, y: (x**2, 0 * x), lambda x, y: 2 * x),
+        (lambda x, y: (0 * x, 1 + x + y), lambda x, y: 1.0),
+    ],
+)
+def test_gradients_of_the_mean_shear_along_and_across_it(shear, gradient):
+    """The growth of a radial shear in both directions; of parallel ones only along them."""
+    lattice = np.array([[x, y] for y in (-1, 0, 1) for x in (-1, 0, 1)], float)
+    places = np.column_stack([lattice / 2 + 1, 0 * lattice[:, 0]])
+    values = dict(zip(("shear_x", "shear_y"), shear(*places[:, :2].T), strict=True))
+    fields = {name: own[None] for name, own in {**values, "shear_z": 0 * places[:, 2]}.items()}
+    wall = from_arrays({"quadrilateral": places[None]}, fields, reference={"quadrilateral": lattice})
+    for x, y in ((0.7, 0.6), (1.2, 1.1)):
+        assert wall["WSSG"](x, y, 0.0) == pytest.approx(gradient(x, y), rel=1e-10)
 
 
 def shear_over(z_shears):

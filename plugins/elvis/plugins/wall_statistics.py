@@ -8,7 +8,7 @@ TAAFI                      mean of the cosine of the angle between tau and the m
 TACFI                      in 3D, mean of the sine of this angle: cross flow index (Mohamied et al. 2015, Annals of
                            Biomedical Engineering 43)
 
-OSI and RRT are predefined quantities of these fields.
+OSI, RRT and WSSG are predefined quantities of these fields.
 """
 
 from __future__ import annotations

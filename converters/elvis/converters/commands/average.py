@@ -184,7 +184,7 @@ def _write_wall(series: Series, wall: str, over: str, output: Path, is_alone: bo
     metavar="NAME",
     help="Write statistics of the wall shear on a boundary, as separate data, instead of fields: TAWSS (mean "
     "magnitude), the mean vector shear_x, shear_y, shear_z and, in 3D, transWSS (mean magnitude across it), and "
-    "TAAFI and TACFI (mean cosine and sine of the angle to it). OSI and RRT are predefined quantities of these.",
+    "TAAFI and TACFI (mean cosine and sine of the angle to it). OSI, RRT and WSSG are predefined quantities of these.",
 )
 @click.option(
     "--direction",

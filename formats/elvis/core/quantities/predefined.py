@@ -87,6 +87,18 @@ STEPS: Mapping[str, tuple[str, ...]] = {
         "sqrt(shear_x*shear_x + shear_y*shear_y + shear_z*shear_z)",
         "sqrt(shear_x*shear_x + shear_y*shear_y)",
     ),
+    # s . grad(s) . s/|s|^2 and div(s) along the wall, for the mean shear s
+    "shear_stretch": (
+        "(shear_x*shear_x*d(shear_x,x) + shear_y*shear_y*d(shear_y,y) + shear_z*shear_z*d(shear_z,z)"
+        " + shear_x*shear_y*(d(shear_x,y) + d(shear_y,x)) + shear_y*shear_z*(d(shear_y,z) + d(shear_z,y))"
+        " + shear_z*shear_x*(d(shear_z,x) + d(shear_x,z)))/mean_shear^2",
+        "(shear_x*shear_x*d(shear_x,x) + shear_y*shear_y*d(shear_y,y) + shear_x*shear_y*(d(shear_x,y) + d(shear_y,x)))"
+        "/mean_shear^2",
+    ),
+    "shear_divergence": (
+        "d(shear_x,x) + d(shear_y,y) + d(shear_z,z)",
+        "d(shear_x,x) + d(shear_y,y)",
+    ),
     "traction": ("traction_x*nx + traction_y*ny + traction_z*nz",),
 }
 
@@ -111,6 +123,7 @@ _SCHLICHTING = "Schlichting 1979, Boundary-layer theory"
 _FORCE = "component of the force of the flow on a wall, per area; only of the pressure if no viscosity is known"
 _FRICTION = "component of the viscous force on a wall, per area, -2 mu (S - div(u)/3) n"
 _MOMENT = "component of the moment of the force, per area"
+_LEI = "Lei, Kleinstreuer and Truskey 1995, Numerical investigation and prediction of atherogenic sites"
 _HIMBURG = "Himburg et al. 2004, Spatial comparison between wall shear stress measures and endothelial permeability"
 _ON_WALLS = "tangential stress of a Newtonian fluid on a wall"
 
@@ -262,6 +275,12 @@ QUANTITIES: tuple[PredefinedQuantity, ...] = (
         "relative residence time: 1/((1 - 2 OSI) TAWSS), the inverse of the magnitude of the mean wall shear",
         ("1/mean_shear",),
         _HIMBURG,
+    ),
+    PredefinedQuantity(
+        "WSSG",
+        "wall shear stress gradient: root of the squares of the mean shear's growth along and across its own direction",
+        ("sqrt(shear_stretch^2 + (shear_divergence - shear_stretch)^2)",),
+        _LEI,
     ),
     PredefinedQuantity(
         "heat_flux",
