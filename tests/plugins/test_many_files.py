@@ -52,6 +52,15 @@ def test_wildcards_of_several_patterns_correspond(folder):
     assert sorted(path.name for path in folder.glob("i_*")) == ["i_run_10.csv", "i_run_2.csv"]
 
 
+def test_sets_of_characters_are_wildcards(folder):
+    for pattern, names in (("run_[2-9].fld", ["s_run_2.csv"]), ("run_[!2]*.fld", ["s_run_1.csv", "s_run_10.csv"])):
+        status, text = run("integrate", "mesh.xml", pattern, "--field", "u", "-o", "s_{stem}.csv")
+        assert status == 0, text
+        assert sorted(path.name for path in folder.glob("s_*")) == names
+        for name in names:
+            (folder / name).unlink()
+
+
 def test_failures_are_summarised_and_other_files_continue(folder):
     (folder / "run_3.fld").write_text("x")
     status, text = run("integrate", "mesh.xml", "run_*.fld", "--field", "u", "-o", "i_{stem}.csv")

@@ -16,12 +16,12 @@ from pathlib import Path
 import click
 
 from elvis.core.errors import ElvisError
+from elvis.plugins.series.step_names import MARKS, expanded
 
 STEM = "{stem}"
 #: parameters of commands that name their files, and the outputs that they write
 _FILES = ("data", "files")
 _OUTPUTS = ("output", "outputs", "plot", "stats", "save_scene")
-_WILD = re.compile(r"[*?]")
 _BRACES = re.compile(r"\{\w+\}")
 
 
@@ -80,7 +80,7 @@ def cases(words: Sequence[str], given: Mapping[str, object], context: click.Cont
     or two have the same stem.
     """
     files = next((value for name in _FILES if isinstance(value := given.get(name), (tuple, list))), ())
-    patterns = [str(file) for file in files if _WILD.search(str(file)) and not Path(str(file)).exists()]
+    patterns = [str(file) for file in files if MARKS.search(str(file)) and not Path(str(file)).exists()]
     if not patterns:
         raise click.UsageError(
             f"{STEM}: expected a pattern of files in quotes, such as 'case_*.fld', found none", context
@@ -141,9 +141,7 @@ def _check_outputs(given: Mapping[str, object], context: click.Context) -> None:
 
 def _matches(pattern: str) -> dict[tuple[str, ...], str]:
     """The files of a pattern by the texts that its marks stand for, in the order of their numbers."""
-    from elvis.plugins.series.step_names import expanded
-
-    form = re.compile("".join(_of_mark(mark) for mark in re.split(r"([*?])", Path(pattern).name)), re.S)
+    form = re.compile("".join(_of_mark(mark) for mark in MARKS.split(Path(pattern).name)), re.S)
     found = {}
     for file in expanded([Path(pattern)]):
         match = form.fullmatch(file.name)
@@ -154,6 +152,8 @@ def _matches(pattern: str) -> dict[tuple[str, ...], str]:
 
 def _of_mark(text: str) -> str:
     """A regular expression for a part of a pattern."""
+    if text.startswith("[") and text.endswith("]"):
+        return f"([{text[1:-1].replace('!', '^', 1) if text[1] == '!' else text[1:-1]}])"
     return {"*": "(.*)", "?": "(.)"}.get(text) or re.escape(text)
 
 

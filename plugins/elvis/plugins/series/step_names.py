@@ -9,11 +9,12 @@ from pathlib import Path
 from elvis.core.errors import ElvisError
 
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")
-_PATTERN = re.compile(r"[*?]")
+#: marks of patterns of names
+MARKS = re.compile(r"(\*|\?|\[[^\]]+\])")
 
 
 def expanded(paths: Sequence[Path]) -> tuple[Path, ...]:
-    """The files; names with * or ? are expanded in the order of their numbers.
+    """The files; names with *, ? or [0-3] are expanded in the order of their numbers.
 
     Raises ElvisError if none matches, and for empty folders.
     """
@@ -21,7 +22,7 @@ def expanded(paths: Sequence[Path]) -> tuple[Path, ...]:
     for path in paths:
         if path.is_dir() and not any(path.iterdir()):
             raise ElvisError(f"{path}: expected files in this folder, found none")
-        if not _PATTERN.search(path.name) or path.exists():
+        if not MARKS.search(path.name) or path.exists():
             found.append(path)
             continue
         matching = sorted(path.parent.glob(path.name), key=lambda each: numbers_of(each.name))
