@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from elvis import Dataset, ElvisError, Shape, integrate, write
+from elvis import Dataset, ElvisError, Shape, from_arrays, integrate, write
 from elvis.core.mapping.inverse import Status
 from elvis.core.mapping.locate import Locator
 from elvis.core.mesh import Composite
@@ -386,3 +386,17 @@ def test_boundary_layers_at_stations(tmp_path, monkeypatch):
     wrong = CliRunner().invoke(elvis, [*words, "normal:wall:0.5,0.01:9"])
     assert wrong.exit_code != 0
     assert "expected a speed at the end of the curve" in f"{wrong.output}{wrong.exception}"
+
+
+def test_boundaries_called_boundary_have_normals_too(tmp_path, monkeypatch):
+    from elvis.plugins.command import elvis
+
+    monkeypatch.chdir(tmp_path)
+    data = from_arrays({"quadrilateral": [[[0, 0], [1, 0], [0, 1], [1, 1]]]}, u=[[0, 0, 1, 1]])
+    write(data, "a.xml")
+    words = ["probe", "a.xml", "a.fld", "--field", "twice=2*u", "-n", "3", "--json", "--along"]
+    found = CliRunner().invoke(elvis, [*words, "normal:boundary:0.5,0.1:1"])
+    assert found.exit_code == 0, found.output
+    assert [row["twice"] for row in json.loads(found.output)] == pytest.approx([0, 1, 2])
+    found = CliRunner().invoke(elvis, [*words, "normal:boundary:0.5,0.1:1", "--field", "twice=u"])
+    assert "expected each name once, found 'twice' again" in str(found.exception)

@@ -28,6 +28,17 @@ def test_means_over_planes_of_a_cube(axis):
     assert found.errors["u"] < 1e-5
 
 
+def test_places_may_be_numpy_numbers_at_rounded_ends():
+    mesh = grid(Shape.HEXAHEDRON, 2)
+    noise = 2e-15 * np.random.default_rng(2).normal(size=mesh.vertices.shape)
+    bare = Dataset(replace(mesh, vertices=mesh.vertices + noise))
+    data = replace(bare, fields=(approximated(bare, "u", lambda p: p[:, 0] + p[:, 2], 2),))
+    low, high = (corner[2] for corner in bare.mesh.corners)
+    found = plane_means(data, "z", np.array([low, 0.5, high]))
+    assert found.sizes == pytest.approx([1, 1, 1], abs=1e-12)
+    assert found.means["u"] == pytest.approx([0.5, 1.0, 1.5], abs=1e-12)
+
+
 def waves():
     """The field y + cos(2 pi z / 3) on a square times the period 3."""
     bare = Dataset(grid(Shape.QUADRILATERAL, 2))

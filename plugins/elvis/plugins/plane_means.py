@@ -11,6 +11,8 @@ from elvis.core.integrals import Integrals, integrate
 from elvis.plugins.fourier_planes import fourier_mean, fourier_plane
 
 _AXES = "xyz"
+#: by how much of the extent of the data planes at its ends are moved inwards, where they may miss faces by rounding
+_INWARDS = 1e-13
 
 
 @dataclass(frozen=True)
@@ -56,7 +58,7 @@ def plane_means(dataset: Dataset, axis: str, places: Sequence[float]) -> PlaneMe
     names = [field.name for field in dataset.solution]
     if not names:
         raise ElvisError("--planes: expected fields to average, found none")
-    rows = [_integrals(dataset, axis, place, names) for place in places]
+    rows = [_integrals(dataset, axis, float(place), names) for place in places]
     means = {name: tuple(row[number].value for row in rows) for number, name in enumerate(names)}
     errors = {name: max(row[number].error for row in rows) for number, name in enumerate(names)}
     return PlaneMeans(axis, tuple(places), tuple(row[0].measure for row in rows), means, errors)
@@ -77,7 +79,8 @@ def _integrals(dataset: Dataset, axis: str, place: float, names: Sequence[str]) 
     low, high = (float(corner[number]) for corner in flat.mesh.corners)
     if not low <= place <= high:
         raise ElvisError(f"--planes: expected places from {low:.6g} to {high:.6g} along {axis}, found {place:g}")
+    margin = _INWARDS * (high - low)
     point, normal = [0.0] * 3, [0.0] * 3
-    point[number], normal[number] = place, 1.0
+    point[number], normal[number] = min(max(place, low + margin), high - margin), 1.0
     plane = f"plane:{','.join(map(repr, point))}:{','.join(map(repr, normal))}"
     return integrate(flat, wanted, plane)

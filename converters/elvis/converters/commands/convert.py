@@ -244,7 +244,8 @@ def convert(files: tuple[Path, ...], output: Path | None, show_list: bool, **opt
         raise click.UsageError("expected FILES to convert", context)
     place = _place(files, output)
     if place.suffix not in (".xml", ".gz", ".fld"):
-        raise click.BadParameter(f"expected a name ending in .xml or .fld, found {place}", context, param_hint="'-o'")
+        message = f"expected a name ending in .xml or .fld, found {place}; elvis export writes other formats"
+        raise click.BadParameter(message, context, param_hint="'-o'")
     _convert(files, place, **options)
 
 

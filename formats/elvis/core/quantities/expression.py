@@ -35,7 +35,12 @@ class Expression:
         """
         if not isinstance(text, str):
             raise ElvisError(f"expected the text of a quantity, found {type(text).__name__}")
-        return Expression(text, field(text) if text in names.fields else Parser(text, names).whole())
+        if text in names.fields:
+            return Expression(text, field(text))
+        name, equals, rest = text.partition("=")
+        if equals and name.strip().isidentifier():
+            raise ElvisError(f"expression {text!r}: expected no name in front, found {name.strip()}=: write {rest!r}")
+        return Expression(text, Parser(text, names).whole())
 
     @staticmethod
     def of(dataset: Dataset, text: str) -> Expression:
@@ -125,4 +130,4 @@ def column_expressions(texts: Sequence[str], names: Names, taken: Sequence[str])
 
 def taken_name(field: str) -> str:
     """A message about a field whose name is also a standard column of tables."""
-    return f"the field {field!r} has the name of a column; write an expression such as 1*{field} has not"
+    return f"the field {field!r} has the name of a column; write it as an expression, such as 1*{field}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -14,8 +14,9 @@ import click
 from elvis.core.arguments import (
     TextType,
     Triple,
-    field_option,
     json_option,
+    named_expressions,
+    named_field_option,
     overwrite_option,
     times_option,
     triples,
@@ -102,7 +103,7 @@ Examples:
     type=TextType(counts_of),
     help="Number of points along the line, or along both sides of the plane.  [default: 101]",
 )
-@field_option
+@named_field_option
 @click.option(
     "--clip",
     metavar="SURFACE",
@@ -197,7 +198,8 @@ def probe(
             return
         ranks = ALONE
     ways = [way for way in (points, single or None, line, plane, times) if way is not None]
-    asked = Asked(list(quantities) or None, every, clip, ranks, copies)
+    named = named_expressions(quantities)
+    asked = Asked(list(dict.fromkeys(named.values())) or None, every, clip, ranks, copies)
     if grid is not None:
         others = [
             points,
@@ -240,7 +242,20 @@ def probe(
         else:
             columns = _columns(source or asked.source(data), places, asked)
     if not ranks.rank:
-        _show(columns, places, plot, curves.look, output, as_json)
+        _show(_labelled(columns, named), places, plot, curves.look, output, as_json)
+
+
+def _labelled(columns: Columns, named: Mapping[str, str]) -> Columns:
+    """Columns of expressions with the names of these; raises ElvisError for names of other columns."""
+    wanted = set(named.values())
+    found = {}
+    for text, column in columns.items():
+        names = [name for name, own in named.items() if own == text] if text in wanted else [text]
+        for name in names:
+            if name in found:
+                raise ElvisError(f"--field: expected a name of no other column, found {name!r}")
+            found[name] = column
+    return found
 
 
 def _show(

@@ -41,9 +41,7 @@ class ProbeCurves:
     @property
     def are_on_walls(self) -> bool:
         """Whether the curves are on boundaries; ElvisError where some are and some are not."""
-        from elvis.core.wall_curves import is_wall_curve
-
-        several = {is_wall_curve(name) or is_wall_curve(name.partition(":")[2]) for name in self.names}
+        several = {_is_on_wall(name) for name in self.names}
         if len(several) > 1:
             raise ElvisError(
                 "--along: expected only curves on boundaries, or none of them, found both; use two commands"
@@ -87,6 +85,16 @@ class ProbeCurves:
             own, curve = _owner(dataset, name)
             tables.append(on_walls(own, curve, expressions(own, texts), count, self.chord))
         return _joined(names, tables)
+
+
+def _is_on_wall(name: str) -> bool:
+    """Whether a name, perhaps with the name of other data in front, denotes a curve on a boundary."""
+    from elvis.core.integrals.curves import KINDS
+    from elvis.core.wall_curves import is_wall_curve
+
+    first, _, rest = name.partition(":")
+    # a boundary may be called "boundary", as in normal:boundary:0,0,0:1
+    return is_wall_curve(name) or (first not in KINDS and is_wall_curve(rest))
 
 
 def curve_options(command: Callable[..., None]) -> Callable[..., None]:
