@@ -232,7 +232,9 @@ def test_a_layout_states_the_position_of_image_and_colour_bar(draw, plane, tmp_p
     assert bar.upright == (position != "bottom")
 
 
-@pytest.mark.parametrize("bar", [ColorBar(scale="log"), ColorBar(scale="symlog", linear=0.5), ColorBar(bands=7)])
+@pytest.mark.parametrize(
+    "bar", [ColorBar(scale="log"), ColorBar(scale="symlog", linear=0.5), ColorBar(bands=7, round=False)]
+)
 def test_colours_match_the_colour_bar(draw, plane, bar):
     frame = draw(
         plane, field="exp(3*u)", size=(60, 50), bar=bar, objects=(Faces(style=Style(contours=Contours(count=1))),)

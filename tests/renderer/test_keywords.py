@@ -79,7 +79,7 @@ def test_every_option_of_the_command_line_is_a_keyword():
         ("contours", "10", "contours", np.int64(10)),
         ("contours", "0.1,0.5", "contours", [0.1, 0.5]),
         ("contours", "0.1,0.5:labels", "contours", {"values": (0.1, 0.5), "labels": True}),
-        ("contours", "9:round:labels", "contours", {"count": 9, "round": True, "labels": True}),
+        ("contours", "9:even:labels", "contours", {"count": 9, "round": False, "labels": True}),
         ("palette", "turbo", "colormap", "turbo"),
         ("palette", "turbo", "palette", "turbo"),
         ("camera", "top", "camera", "top"),

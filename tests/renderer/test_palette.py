@@ -99,5 +99,8 @@ def test_round_bands_end_where_round_contours_lie():
     assert np.allclose(palette.edges, [-0.8, -0.6, -0.4, -0.2, 0, 0.2, 0.4], rtol=0, atol=1e-15)
     assert np.array_equal(palette.edges, levels(-0.93, 0.41, 7, is_round=True))
     assert len(palette.table) == 8
+    assert len(levels(0.0, 1.0, 5, is_round=True)) == 4
+    assert len(levels(0.0, 1.0, 7, is_round=True)) == 9
+    assert len(levels(-3.0, 3.0, 10, is_round=True)) == 11
     # a range that is too narrow for round values has one in the middle
     assert levels(1.0, np.nextafter(1.0, 2), 5, is_round=True).shape == (1,)

@@ -78,11 +78,14 @@ def test_the_shortest_text_of_a_number_is_that_number(value):
 @pytest.mark.parametrize(
     ("contours", "sentence"),
     [
-        (Contours(count=4), "contours of u at -1.8, -0.6, 0.6, 1.8"),
-        (Contours(count=10), "contours of u at -2.45, -1.91, -1.36, -0.82, -0.27, 0.27, 0.82, 1.36, 1.91, 2.45"),
+        (Contours(count=4, round=False), "contours of u at -1.8, -0.6, 0.6, 1.8"),
+        (
+            Contours(count=10, round=False),
+            "contours of u at -2.45, -1.91, -1.36, -0.82, -0.27, 0.27, 0.82, 1.36, 1.91, 2.45",
+        ),
         (Contours(values=(1 / 3, 0.1, 1.0)), "contours of u at 0.1, 0.3333333333333333, 1"),
-        (Contours(count=10, round=True), "contours of u at -2, -1, 0, 1, 2"),
-        (Contours(count=1), "contours of u at 0.142857"),
+        (Contours(count=10), "contours of u at -2.5, -2, -1.5, -1, -0.5, 0, 0.5, 1, 1.5, 2, 2.5"),
+        (Contours(count=1, round=False), "contours of u at 0.142857"),
     ],
 )
 def test_contour_labels_have_the_typed_or_distinguishing_digits(draw, linear, contours, sentence):
@@ -196,7 +199,10 @@ def test_colour_maps_of_the_first_elvis(name):
 @pytest.fixture(scope="module")
 def solid(draw, linear):
     """A cube with two quantities, contours of one, seen askew."""
-    styles = Style(contours=Contours(values=(-1.0, 0.5))), Style(quantity="x*y", contours=Contours(count=30))
+    styles = (
+        Style(contours=Contours(values=(-1.0, 0.5))),
+        Style(quantity="x*y", contours=Contours(count=30, round=False)),
+    )
     planes = Plane((0.5, 0.5, 0.5), (0, 0, 1)), Plane((0.5, 0.5, 0.5), (0, 1, 0))
     objects = tuple(map(CutSurface, planes, styles))
     return draw(linear(grid(Shape.HEXAHEDRON, 1)), objects=objects, camera="iso", size=(240, 200))

@@ -131,11 +131,15 @@ def ticks(low: float, high: float, most: int, is_whole: bool = False) -> list[fl
 
 
 def levels(low: float, high: float, count: int, *, is_round: bool = False) -> Floats:
-    """Values that part a range, none at its ends: n evenly, or at most n that are round, as ticks are."""
+    """Values that part a range, none at its ends: n evenly, or about n that are round, as ticks are."""
     if not is_round:
         return np.linspace(low, high, count + 2)[1:-1]
-    inside = [value for value in ticks(low, high, count) if low < value < high]
-    return np.array(inside or [0.5 * (low + high)])
+
+    # ticks of several steps, which double or are 2.5 times as long: their numbers lie on both sides of n
+    most = count + np.arange(7) * (count // 4 + 1)
+    found = [[value for value in ticks(low, high, number) if low < value < high] for number in most.tolist()]
+    nearest = min(found, key=lambda inside: abs(len(inside) - count))
+    return np.array(nearest or [0.5 * (low + high)])
 
 
 @lru_cache(maxsize=64)

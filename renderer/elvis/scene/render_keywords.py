@@ -140,7 +140,7 @@ class SharedKeywords(TypedDict, total=False):
     lit: bool | None
     """Shade all objects with the lights, or none."""
     contours: Contours | Mapping[str, Any] | ArrayLike | None
-    """N contour lines, or given values; :round values, at most N; :labels shows values."""
+    """About N contour lines at round values (N:even: exactly N), or given ones; :labels: values."""
     mesh_lines: MeshLines | Mapping[str, Any] | bool | None
     """Draw the borders of elements."""
     lic: Lic | Mapping[str, Any] | bool | None
@@ -203,7 +203,7 @@ class SharedKeywords(TypedDict, total=False):
     """Ends of the colour map: two values, visible (in the picture), all (certified bounds) or series (over all
     steps)."""
     levels: Contours | Mapping[str, Any] | ArrayLike | None
-    """N contour lines, or given values; :round values, at most N; :labels shows values."""
+    """About N contour lines at round values (N:even: exactly N), or given ones; :labels: values."""
     isosurfaces: Isosurface | Mapping[str, Any] | ArrayLike | Sequence[Isosurface | str] | None
     """Isosurface(s) of quantity Q at value(s) V; Q defaults to --field."""
     show_edges: MeshLines | Mapping[str, Any] | bool | None

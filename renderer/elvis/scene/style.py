@@ -31,16 +31,17 @@ class Contours(Model, of="contours"):
     """Lines of equal value on a surface, either at given values or a given number of lines."""
 
     values: Annotated[tuple[float, ...], Setting("Values of the lines.", finite=True, expected="finite numbers")] = ()
-    count: Annotated[
-        int | None, Setting("Number of lines, evenly spaced between the ends of the colour range.", ge=1, le=1000)
-    ] = None
+    count: Annotated[int | None, Setting("Number of lines between the ends of the colour range.", ge=1, le=1000)] = None
     width: Annotated[float, Setting("Line width in pixels.", **POSITIVE)] = 1.5
     color: Annotated[Vector, Setting("Line colour.", **COLOR)] = (0.0, 0.0, 0.0)
     quantity: Annotated[Quantity | None, Setting("Quantity of the lines.", default="that of the style")] = None
     labels: Annotated[bool, Setting("Whether the lines are labelled with their values.")] = False
     round: Annotated[
-        bool, Setting("Whether a count of lines lies at round values, as ticks do; then the count is the maximum.")
-    ] = False
+        bool,
+        Setting(
+            "Whether a count of lines lies at round values, as ticks do: there are about so many, else exactly, evenly."
+        ),
+    ] = True
 
     def check(self) -> None:
         """Raise SceneError unless there are either values or a count."""
@@ -79,8 +80,10 @@ class ColorBar(Model, of="a colour bar"):
     bands: Annotated[int | None, Setting("Number of discrete colours, each for a band of values.", ge=2, le=256)] = None
     round: Annotated[
         bool,
-        Setting("Whether bands of a linear scale end at round values, as ticks do; then their number is the maximum."),
-    ] = False
+        Setting(
+            "Whether bands of a linear scale end at round values, as ticks do: there are about so many, else exactly."
+        ),
+    ] = True
     ticks: Annotated[
         tuple[float, ...],
         Setting("Values of the ticks.", finite=True, expected="finite numbers", default="round values"),
@@ -138,7 +141,7 @@ class Style(Model):
             option="--contours",
             metavar="N|V,V[:…]",
             parse="contours",
-            option_help="N contour lines, or given values; :round values, at most N; :labels shows values.",
+            option_help="About N contour lines at round values (N:even: exactly N), or given ones; :labels: values.",
         ),
     ] = None
     mesh_lines: Annotated[

@@ -135,13 +135,13 @@ def _from_places(cls: Any, name: str, text: str) -> Any:
 
 
 def contours(text: str) -> scene.Contours:
-    """A whole number: n lines; else their values, with commas or a decimal point; then ``:round`` and ``:labels``."""
+    """A whole number: n lines; else their values, with commas or a decimal point; then ``:even`` and ``:labels``."""
     text, *rest = text.split(":")
-    check(set(rest) <= {"round", "labels"}, "contours", "N or V,V, :round and :labels", repr(":".join(rest)))
-    is_round, has_labels = "round" in rest, "labels" in rest
+    check(set(rest) <= {"even", "labels"}, "contours", "N or V,V, :even and :labels", repr(":".join(rest)))
+    is_round, has_labels = "even" not in rest, "labels" in rest
     if text.isdecimal():
         return scene.Contours(count=int(text), round=is_round, labels=has_labels)
-    return scene.Contours(numbers(text), round=is_round, labels=has_labels)
+    return scene.Contours(numbers(text), labels=has_labels)
 
 
 def bar(text: str) -> scene.ColorBar:

@@ -232,8 +232,8 @@ def _light(light: Any) -> str:
 def _contours(contours: Any) -> str:
     # values without a decimal point would be a count
     values = ",".join(map(repr, map(float, contours.values)))
-    how = [name for name in ("round", "labels") if getattr(contours, name)]
-    return ":".join([values or str(contours.count), *how])
+    how = {"even": not (values or contours.round), "labels": contours.labels}
+    return ":".join([values or str(contours.count), *(word for word, is_given in how.items() if is_given)])
 
 
 def _bar(bar: Any) -> str:

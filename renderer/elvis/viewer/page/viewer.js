@@ -149,7 +149,7 @@ const SEEDS = { random: [["count", "count"], ["low", "point"], ["high", "point"]
 //: room around a body in which new lines start: relative to its side along each axis, and at least to its longest side
 const NEARBY = 0.25, LEAST_NEARBY = 0.1;
 //: contours that are added
-const TEN_LINES = { count: 10, round: true };
+const TEN_LINES = { count: 10 };
 //: settings that exclude each other in an object
 const EITHER = [["radius", "width", "ribbon"], ["values", "count"]];
 //: parts of a style that are drawn only on surfaces
