@@ -169,7 +169,7 @@ def test_faces_of_2d_data_are_elements(device):
 
 def test_settings_of_bars_are_true_or_false():
     shown = [scene_of_keywords({"bar": f"bands=3,round={text}"}).bar for text in ("true", "false")]
-    assert shown == [ColorBar(bands=3, round=True), ColorBar(bands=3)]
+    assert shown == [ColorBar(bands=3), ColorBar(bands=3, round=False)]
     with pytest.raises(SceneError, match="expected true or false, found 'yes'"):
         scene_of_keywords({"bar": "round=yes"})
 

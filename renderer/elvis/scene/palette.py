@@ -137,9 +137,15 @@ def levels(low: float, high: float, count: int, *, is_round: bool = False) -> Fl
 
     # ticks of several steps, which double or are 2.5 times as long: their numbers lie on both sides of n
     most = count + np.arange(7) * (count // 4 + 1)
-    found = [[value for value in ticks(low, high, number) if low < value < high] for number in most.tolist()]
+    found = [_inside(low, high, np.array(ticks(low, high, number))) for number in most.tolist()]
     nearest = min(found, key=lambda inside: abs(len(inside) - count))
-    return np.array(nearest or [0.5 * (low + high)])
+    return nearest if len(nearest) else np.array([0.5 * (low + high)])
+
+
+def _inside(low: float, high: float, values: Floats) -> Floats:
+    """Evenly spaced values, but those next to an end, where a field at rest on a wall is lost in rounding."""
+    margin = 0.25 * (values[1] - values[0]) if len(values) > 1 else 0.0
+    return values[(values > low + margin) & (values < high - margin)]
 
 
 @lru_cache(maxsize=64)
