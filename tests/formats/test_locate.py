@@ -218,6 +218,14 @@ def test_a_mesh_without_elements_contains_no_points():
     np.testing.assert_array_equal(found.status, [Status.OUTSIDE] * 3)
 
 
+def test_shapes_without_elements_in_a_part_are_skipped():
+    """Sides that don't match may touch elements of some shapes only."""
+    every = patches(Dataset(mixed_volume()))
+    parts = [patch if patch.shape is Shape.HEXAHEDRON else patch.part(np.empty(0, np.int64)) for patch in every]
+    found = Locator(parts).locate(np.array([[0.5, 0.5, 0.5], [2.9, 0.5, 0.5]]))
+    assert found.status.tolist() == [Status.INSIDE, Status.OUTSIDE]
+
+
 def test_overlapping_elements_are_all_found():
     vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]], float)
     mesh = connected(vertices, {Shape.TETRAHEDRON: np.array([[0, 1, 2, 3], [0, 1, 2, 4]])})

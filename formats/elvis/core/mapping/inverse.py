@@ -98,7 +98,8 @@ def invert(patch: Patch, rows: Ints, points: Floats, prove: bool = True, distanc
     that need the search are UNCERTAIN unless ``prove`` is set.
     """
     roots = Roots.none(len(rows), patch.shape.dimension)
-    step = min(_PAIRS, max(256, _BATCH // patch.geometry_coefficients[:1].size))
+    per_element = int(np.prod(patch.geometry_coefficients.shape[1:]))
+    step = min(_PAIRS, max(256, _BATCH // per_element))
     # pairs of an element follow each other, so that few batches need its facts
     order = np.argsort(rows, kind="stable")
     for part in chunks(len(rows), step):
