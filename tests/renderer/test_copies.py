@@ -100,6 +100,8 @@ def turned():
     return dataset(parts)
 
 
+#: components of a symmetric tensor
+TENSOR = ("xx", "xy", "xz", "yy", "yz", "zz")
 CAMERA = Camera((2.1, -3.3, 2.2), (0.0, 0.5, 0.4), fov=38.0)
 
 
@@ -259,7 +261,7 @@ def files(data, tmp_path_factory):
 
 
 def run(*words):
-    result = CliRunner().invoke(group, list(words))
+    result = CliRunner().invoke(group, list(map(str, words)))
     assert result.exit_code == 0, result.output
     return result.stdout
 
@@ -297,6 +299,25 @@ def test_points_in_copies_have_values(files):
     refused = CliRunner().invoke(group, ["probe", *files, "--point", "0,0,0", "--mirror", "x=0"])
     assert refused.exit_code == 2
     assert "expected --mirror, --turn or --repeat together with --with-copies" in " ".join(refused.output.split())
+
+
+@pytest.mark.parametrize("field", ["u", "S_xx", "S_xz"])
+def test_components_are_read_with_those_that_copies_need(data, tmp_path, field):
+    """Only the fields that a quantity needs are read; which vector or tensor it belongs to depends on others."""
+    scalars = replace(data.field("p"), name="p"), *(replace(data.field("p"), name=f"S_{own}") for own in TENSOR)
+    write(replace(data, fields=(*(own for own in data.fields if own.name != "p"), *scalars)), tmp_path / "half.xml")
+    files = [str(tmp_path / name) for name in ("half.xml", "half.fld")]
+    words = ("--field", field, "--mirror", "x=0", "--with-copies", "--json")
+    here, there = json.loads(run("probe", *files, "--point=0.3,0.4,0.5", "--point=-0.3,0.4,0.5", *words))
+    # each axis of the mirror in the name of a component changes the sign
+    sign = {"u": -1, "S_xx": 1, "S_xz": -1}[field]
+    assert there[field] == pytest.approx(sign * here[field], rel=1e-12)
+    (row,) = json.loads(run("integrate", *files, *words))
+    assert row["value"] == pytest.approx((1 + sign) * integrate(data, field if field == "u" else "p").value, abs=1e-12)
+    run("render", *files, *words[:4], "--faces", "all", "--size", "20", "-o", tmp_path / "half.npz")
+    with np.load(tmp_path / "half.npz") as picture:
+        means = [picture["field"][picture["copy"] == copy].mean() for copy in (0, 1)]
+    assert np.sign(means[1]) == sign * np.sign(means[0])
 
 
 def test_linear_pictures_of_copies_are_those_of_a_file(data, mirrored):

@@ -70,6 +70,20 @@ def _with_parts(dataset: Dataset, chosen: Choice | None, own: ComplexChoice) -> 
     return {*chosen(dataset), *(part for pair in pairs.values() for part in pair)}
 
 
+def _with_components(dataset: Dataset, chosen: Choice | None) -> Collection[str]:
+    """Fields that are chosen, all for None, with the other components of their vectors and tensors."""
+    from elvis.core.quantities import Names
+    from elvis.core.quantities.moved_expressions import components
+
+    if chosen is None:
+        return [field.name for field in dataset.fields]
+    found = set(chosen(dataset))
+    names = Names.of(dataset)
+    known = components(names.fields, names.dimension)
+    partners = (known[name].names.values() for name in found if name in known)
+    return found.union(*partners)
+
+
 @dataclass(frozen=True)
 class Reading:
     """Options for reading files.
@@ -83,6 +97,7 @@ class Reading:
     quantities  the only ones that will be requested, the empty one for the first field: of the native format only the
                 fields that these need are read; none if they are not known
     is_of_map   whether only the map of elements is requested: of one native state no other fields are read
+    is_copied   whether copies of the data are requested, on which a component of a vector depends on the others
     ranks    that read the same, each its part
     reference  values of the flow by name, which override the files' values
     deformation  deformation of the geometry
@@ -96,6 +111,7 @@ class Reading:
     others: tuple[str, ...] = ()
     quantities: tuple[str, ...] = ()
     is_of_map: bool = False
+    is_copied: bool = False
     ranks: Ranks = ALONE
     reference: Mapping[str, float] = field(default_factory=dict)
     deformation: Deformation | None = None
@@ -110,6 +126,8 @@ class Reading:
         """The fields of native files that are needed; None for all, if the requests aren't known."""
         from elvis.core.quantities.needed import needed_fields
 
+        if self.is_copied:
+            return partial(_with_components, chosen=replace(self, is_copied=False).choice())
         if self.deformation is not None:
             return partial(_with_displacement, chosen=replace(self, deformation=None).choice(), own=self.deformation)
         if self.complexes:

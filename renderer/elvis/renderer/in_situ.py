@@ -66,7 +66,9 @@ class Session:
         self._kinds: set[str] = set()
         self.drawn = 0
         self._trigger = Trigger.of(every, when)
-        self._quantities = (*asked_by([self.scene]), *self._trigger.quantities)
+        # copies may need further components of vectors: no quantities stand for all fields
+        is_copied = self.scene.copies is not None
+        self._quantities = () if is_copied else (*asked_by([self.scene]), *self._trigger.quantities)
         self._states = states_of(mesh, reference)
         self._device = device or self.scene.device
         self._pictures: Pictures | None = None

@@ -31,12 +31,14 @@ def reading_of(scene: Scene, is_kept: bool = True) -> Reading:
     own = Reading(scene.plugin, pairs(scene.reader), is_kept, scene.moment, scene.others)
     deformation = None if scene.deform is None else scene.deform.deformation
     reference, complexes = scene.reference.values, scene.complexes
-    return replace(own, reference=reference, deformation=deformation, complexes=complexes)
+    own = replace(own, reference=reference, deformation=deformation, complexes=complexes)
+    return replace(own, is_copied=scene.copies is not None)
 
 
 def reading_for(scenes: Sequence[Scene], is_kept: bool = True) -> Reading:
     """Options for reading files that are only used for pictures of scenes, all of the moment of the first."""
-    return replace(reading_of(scenes[0], is_kept), quantities=asked_by(scenes))
+    is_copied = any(scene.copies is not None for scene in scenes)
+    return replace(reading_of(scenes[0], is_kept), quantities=asked_by(scenes), is_copied=is_copied)
 
 
 def asked_by(scenes: Sequence[Scene]) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -142,6 +143,7 @@ def integrate(
         raise click.UsageError("expected --plot with --times or --histogram", click.get_current_context())
     _check_outputs(output, plot, data.inputs(), overwrite)
     if copies is not None:
+        data = replace(data, is_copied=True)
         if bins is not None or without_top_modes:
             text = "--with-copies: expected no --histogram and no --without-top-modes"
             raise click.UsageError(text, click.get_current_context())

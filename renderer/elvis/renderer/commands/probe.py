@@ -198,6 +198,7 @@ def probe(
             return
         ranks = ALONE
     ways = [way for way in (points, single or None, line, plane, times) if way is not None]
+    data = replace(data, is_copied=copies is not None)
     named = named_expressions(quantities)
     asked = Asked(list(dict.fromkeys(named.values())) or None, every, clip, ranks, copies)
     if grid is not None:

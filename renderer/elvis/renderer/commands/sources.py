@@ -70,6 +70,7 @@ class Data:
     """The files that a command is given, of any format, and the options that say how they are read.
 
     is_of_map  whether nothing but the map of elements is requested (see `Reading`)
+    is_copied  whether copies of the data are requested (see `Reading`)
     """
 
     paths: tuple[Path, ...]
@@ -81,6 +82,7 @@ class Data:
     between: str = "linear"
     others: tuple[str, ...] = ()
     is_of_map: bool = False
+    is_copied: bool = False
     reference: Mapping[str, float] = field(default_factory=dict)
     deformation: Deformation | None = None
     complexes: ComplexChoice | None = None
@@ -101,7 +103,8 @@ class Data:
         options = pairs(self.reader)
         own = Reading(self.plugin, options, self.is_kept, moment, self.others, tuple(quantities), self.is_of_map)
         complexes = self.complexes or own.complexes
-        return replace(own, reference=self.reference, deformation=self.deformation, complexes=complexes)
+        own = replace(own, is_copied=self.is_copied, complexes=complexes)
+        return replace(own, reference=self.reference, deformation=self.deformation)
 
     def source(self, quantities: Sequence[str] = ()) -> Source:
         """The source of the files, or only of quantities, after a note on errors of a conversion.
