@@ -212,6 +212,18 @@ def test_invariant_quantities_are_recognized():
     assert moved(Expression.parse("max(u, -1000)", names), mirror, names).root.op == "max"
 
 
+@pytest.mark.parametrize("pattern", ["E_{}_{}", "E_{1}_{0}"])
+def test_parts_of_complex_vectors_have_the_signs_of_vectors(pattern):
+    parts = [pattern.format(axis, part) for axis in "xyz" for part in ("re", "im")]
+    velocity = [f"{name}_{part}" for name in "uvw" for part in ("real", "imag")]
+    names = Names((*parts, *velocity, "p_re", "p_im"), dimension=3)
+    mirror = Isometry.mirror((0.3, 0, 0), (1, 0, 0))
+    for own, part in {**dict(zip(parts, parts, strict=True)), "u_imag": "u_imag", "v_real": "v_real"}.items():
+        expected = f"-({part})" if part in (*parts[:2], "u_imag") else part
+        assert moved(Expression.parse(own, names), mirror, names).root is Expression.parse(expected, names).root
+    assert moved(Expression.parse("p_im", names), mirror, names).root is Expression.parse("p_im", names).root
+
+
 def test_many_copies_take_no_memory(data):
     """The data of 64 copies are those of one; the pool of buffers does not grow from frame to frame."""
     repeat = tuple(Repeat(step, 4) for step in ((1.5, 0, 0), (0, 1.5, 0), (0, 0, 1.5)))

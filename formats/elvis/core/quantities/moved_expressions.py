@@ -16,7 +16,7 @@ from itertools import product
 
 import numpy as np
 
-from elvis.core.complex_fields import SUFFIXES
+from elvis.core.complex_fields import SUFFIXES, pairs_in
 from elvis.core.dataset import is_rate
 from elvis.core.errors import ElvisError
 from elvis.core.isometries import Isometry
@@ -207,8 +207,20 @@ def components(fields: Sequence[str], dimension: int) -> dict[str, Component]:
     """The components of vectors and tensors among fields, by their names.
 
     Vectors are the customary names of velocities and momenta, and names that end in _x, _y, _z or the like; tensors are
-    names that end in two axes.  If a component of the first axes is missing, it is no vector.
+    names that end in two axes.  If a component of the first axes is missing, it is no vector.  The parts of a complex
+    field, such as u_re or E_x_im, belong to the vector or tensor that its name belongs to.
     """
+    found = _components(fields, dimension)
+    pairs = pairs_in(fields)
+    for name, own in _components(tuple(pairs), dimension).items():
+        for part, field_name in enumerate(pairs[name]):
+            names = {axes: pairs[other][part] for axes, other in own.names.items()}
+            found[field_name] = replace(own, names=names)
+    return found
+
+
+def _components(fields: Sequence[str], dimension: int) -> dict[str, Component]:
+    """The components of vectors and tensors, in which parts of complex fields are fields of their own."""
     found: dict[str, Component] = {}
     for family in (*VECTORS, *_suffixed(fields)):
         known: dict[tuple[int, ...], str] = {(axis,): name for axis, name in enumerate(family) if name in fields}
