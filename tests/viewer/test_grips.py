@@ -105,6 +105,19 @@ def test_cylinders_and_cones_are_dragged_in_the_picture(page, viewer):
     assert np.allclose([own.apex, own.axis], [centre, axis])
 
 
+def test_new_volumes_show_the_rarer_end_of_the_values(page, viewer):
+    page.get_by_label("add an object").select_option("volume")
+    page.wait_for_function("elvis.table.objects?.[0]?.kind === 'volume'")
+    (transfer,) = [own["transfer"] for own in viewer.session.table["objects"]]
+    x, y, z = np.random.default_rng(0).random((3, 10_000))
+    density = np.interp(np.sin(3 * x) + y * z, transfer["values"], transfer["densities"])
+    assert 0.02 < (density > 0).mean() < 1 / 8 + 0.02
+    # most values are low
+    assert transfer["densities"][-1] > 0
+    page.get_by_title("Undo (Ctrl+Z)").click()
+    settled(page, viewer)
+
+
 def test_transfer_functions_are_drawn_over_the_histogram(page, viewer):
     """Points are dragged, added and removed, with the mouse and with keys."""
     transfer = {"values": [0.0, 0.5, 1.0], "densities": [0.0, 1.0, 2.0]}

@@ -733,6 +733,22 @@ const PLOT = { width: 280, height: 116, foot: 16 };
 //: decades of shares of the volume shown below the maximum
 const DECADES = 4;
 
+//: largest part of all elements' volume that a new volume shows
+const RARE = 1 / 8;
+
+// The transfer function of a new volume, by the shares of the volume in equal parts of the range: the rarer end of the values,
+// at most half of the range, so that the rest does not hide it.  It is as dense as suits its size, a part of the extent.
+function rareEnd(low, high, shares, extent) {
+  const total = shares.reduce((sum, share) => sum + share, 0);
+  const mean = shares.reduce((sum, share, i) => sum + share * (i + 0.5), 0) / (shares.length * total);
+  const isLow = mean > 0.5, ordered = isLow ? shares : [...shares].reverse();
+  let count = 0, seen = 0;
+  while (count < shares.length / 2 && seen + ordered[count] <= RARE * total) seen += ordered[count++];
+  const part = count ? count / shares.length : 0.5, share = count ? Math.max(seen / total, 1e-3) : 1;
+  const start = isLow ? low + part * (high - low) : high - part * (high - low), density = 8 / (extent * Math.cbrt(share));
+  return { values: [low, start, high], densities: isLow ? [density, 0, 0] : [0, 0, density] };
+}
+
 class TransferEditor {
   // set(transfer, isMoving)
   constructor(transfer, histogram, extent, set) {
@@ -3654,10 +3670,8 @@ class Viewer {
     if (kind === "streamlines") return this.add({ kind: "streamlines", seeds: [controls.seedText("random")], direction: "both", ...girth, ...dark });
     if (kind === "glyphs") return this.add({ kind: "glyphs", points: ["random:200"], ...dark });
     const [low, high] = await this.spread();
-    const middle = (low + high) / 2;
-    const densities = [0, 0, 4 / controls.extent(this.facts.box)];
-    if (kind === "isosurface") this.add({ kind: "isosurface", values: [middle] });
-    else this.add({ kind: "volume", transfer: { values: [low, middle, high], densities } });
+    if (kind === "isosurface") this.add({ kind: "isosurface", values: [(low + high) / 2] });
+    else this.add({ kind: "volume", transfer: rareEnd(low, high, this.counted(this.shown())?.shares ?? [], controls.extent(this.facts.box)) });
   }
 
   // minimum and maximum of the shown quantity in its histogram, over all elements; else of those in the picture
