@@ -20,8 +20,8 @@ from types import CodeType
 AREAS = ("formats", "plugins", "converters", "renderer", "reference")
 #: folders of tests that check the tree, other programs' pages or damaged files
 NOT_FOR_MUTANTS = ("house", "fuzz", "mutation", "benchmarks", "trials", "examples")
-#: parts of the budget that tests of one module may take, unless it is the nearest
-SHARE = 0.25
+#: parts of the budget that tests of the nearest module, and of each other one, may take
+NEAREST, SHARE = 0.5, 0.25
 #: a process that waits instead of computing ends after so many times its limit of processor seconds
 LONGEST_WAIT = 20.0
 
@@ -208,7 +208,7 @@ def lines_by_function(path: Path, lines: range) -> dict[str, set[int]]:
 def chosen_tests(imports: Imports, touched: Touched, path: Path, lines: range, budget: float) -> list[str]:
     """Tests that run some of the lines, the nearest modules first, within a budget of processor seconds.
 
-    A module that isn't the nearest has a part of the budget; what is left is for the quickest of all other tests.
+    Each module has a part of the budget; what is left is for the quickest of all other tests.
     """
     running = touched.running(path, lines)
     order = [test for test in imports.tests_near(path) if test in running]
@@ -216,7 +216,7 @@ def chosen_tests(imports: Imports, touched: Touched, path: Path, lines: range, b
     chosen: dict[str, float] = {}
     left = budget
     for test in order:
-        own = left if test == order[0] else SHARE * budget
+        own = (NEAREST if test == order[0] else SHARE) * budget
         for node, seconds in sorted(running[test].items(), key=lambda item: item[1]):
             if seconds > min(own, left) and chosen:
                 break

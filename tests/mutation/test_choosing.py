@@ -61,4 +61,4 @@ def test_tests_that_run_a_line_are_chosen_within_the_budget_the_nearest_first(tm
     assert chosen(8, budget=10.0) == ["a"]
     assert chosen(8, budget=53.0) == ["a", "c"]
     assert chosen(12) == ["b"]
-    assert chosen(2) == ["b", "a", "c", "d"]
+    assert chosen(2) == ["b", "c", "d", "a"]
