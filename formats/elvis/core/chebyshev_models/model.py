@@ -19,7 +19,8 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.arrays import Floats
+from elvis.core.arrays import Floats, Ints, frozen_ints
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.chebyshev_models.series import ORDERS, coefficients_of, growth, shells_of, sizes_of
 from elvis.core.polynomials.rounding import UNIT
 
@@ -89,8 +90,9 @@ class ChebyshevModel:
 
     def __mul__(self, other: ChebyshevModel) -> ChebyshevModel:
         """The product."""
-        lost = leibniz(self.sizes, other.remainder) + leibniz(self.remainder, other.sizes)
-        lost += leibniz(self.remainder, other.remainder) + _aliased(self.shells, other.shells)
+        # f g - P_f P_g = P_f (g - P_g) + (f - P_f) g
+        lost = leibniz(self.sizes, other.remainder) + leibniz(self.remainder, other.sizes + other.remainder)
+        lost += _aliased(self.shells, other.shells)
         error = self.size * other.error + self.error * other.size
         return _rounded(self.values * other.values, lost, error, self.greatest * other.greatest)
 
@@ -128,15 +130,22 @@ def leibniz(first: Floats, second: Floats) -> Floats:
 
 def _aliased(first: Floats, second: Floats) -> Floats:
     """(ORDERS, n) bounds of what a lattice makes wrong of products of series with these shells (n, count)."""
-    boxes, count = first.shape
+    count = first.shape[1]
     # sums of first[k] second[count + m - k] for m = 0, 1 ...: the terms whose degrees sum to count + m
-    turned = np.zeros((boxes, 2 * count - 3))
-    turned[:, count - 2 :] = second[:, :0:-1]
-    windows = np.lib.stride_tricks.sliding_window_view(turned, count - 1, axis=1)[:, ::-1]
-    beyond = np.matmul(windows, first[:, 1:, None])[..., 0]
+    others = second.copy()
+    others[:, 0] = 0.0
+    beyond = np.matmul(others[:, _partners(count)], first[:, 1:, None])[..., 0]
     # a missing term has its own degree, an aliased term at most the degree of the lattice
     bounds = growth(2 * count - 1)[:, count:] + growth(count)[:, -1:]
     return np.asarray(bounds @ beyond.T)
+
+
+@bounded_cache
+def _partners(count: int) -> Ints:
+    """(count - 1, count - 1) degrees count + m - k for m = 0, 1 ... and k = 1, 2 ...; 0 beyond the lattice."""
+    m = np.arange(count - 1)
+    degrees = count + m[:, None] - (m + 1)
+    return frozen_ints(np.where(degrees < count, degrees, 0))
 
 
 def _rounded(values: Floats, remainder: Floats, error: Floats, greatest: Floats) -> ChebyshevModel:
