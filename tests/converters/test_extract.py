@@ -113,6 +113,11 @@ def test_a_plane_along_faces_is_extracted_once():
     found = level_triangles(Dataset(grid(Shape.HEXAHEDRON, 2)), "plane:0,0,0.5:0,0,1", [], 1e-2)
     assert found.area == pytest.approx(1, abs=1e-12)
     assert len(found.triangles) == 8
+    for end in ("0", "1"):
+        found = level_triangles(Dataset(grid(Shape.HEXAHEDRON, 2)), f"plane:0,0,{end}:0,0,1", [], 1e-2)
+        assert found.area == pytest.approx(1, abs=1e-12)
+        assert (found.normals[:, 2] > 0).all()
+        assert (found.crosses[:, 2] > 0).all()
 
 
 def test_a_surface_along_curved_faces_has_no_holes():

@@ -8,7 +8,7 @@ zero is found to rounding.  Triangles then meet along common edges wherever q is
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.integrals.levels_of_elements import Level
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
-from elvis.core.quantities.tree import Node, call, number, world_derivative
+from elvis.core.quantities.tree import Node, call, negative, number, world_derivative
 from elvis.core.shapes import Shape
 from elvis.core.triangles.box_nodes import BoxNodes
 from elvis.core.triangles.cell_boxes import refined
@@ -33,8 +33,6 @@ from elvis.core.triangles.tetrahedra import parts_between
 _STEPS = 80
 #: shares of the edge at which it ends: the last change, and the next one
 _STILL, _STEP = 2e-16, 1e-15
-#: attempts at most to stay within the tolerance where elements cut a common face along different lines
-_ATTEMPTS = 2
 
 
 def level_triangles(
@@ -56,8 +54,52 @@ def level_triangles(
     wanted = default_tolerance(dataset, tolerance)
     level, gradient, evaluator = prepared(dataset, surface, quantities)
     blocks = list(cell_blocks(evaluator, level))
-    within, triangles, moved = wanted, np.empty((0, 3), np.int64), 0.0
-    for _ in range(_ATTEMPTS):
+    try:
+        found = _within(evaluator, level, blocks, surface, wanted)
+    except _NothingFoundError:
+        # zeros count as larger values: a surface at the border of the domain may have only those inside
+        opposite = Expression(surface, negative(level.root))
+        blocks = list(cell_blocks(evaluator, opposite))
+        found = _within(evaluator, opposite, blocks, surface, wanted)
+        found = replace(found, triangles=found.triangles[:, ::-1])
+
+    values = found.cells.values(found.nodes, evaluator.expressions[1:])
+    own = values[len(gradient) :]
+    named = dict(zip(quantities, own, strict=True))
+    is_bound = all(block.is_exact for block in blocks)
+    none = np.zeros_like(found.positions)
+    made = SurfaceTriangles(found.positions, found.triangles, none, named, found.distance, is_bound)
+    normals = _units(values[: len(gradient)].T) if gradient else _means(made)
+    made = replace(made, normals=normals, remarks=remarks(found.bounds[found.bounds > wanted]))
+    return made.compacted() if found.is_stitched else made
+
+
+class _NothingFoundError(ElvisError):
+    """A surface that is not within the data."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Within:
+    """Triangles within a tolerance, wherever bounds show that.
+
+    bounds       (n,) of boxes
+    is_stitched  whether some nodes may be unused
+    """
+
+    cells: Cells
+    nodes: CellPlaces
+    positions: Floats
+    triangles: Ints
+    bounds: Floats
+    distance: float
+    is_stitched: bool
+
+
+def _within(
+    evaluator: Evaluator, level: Expression, blocks: Sequence[CellBlock], surface: str, wanted: float
+) -> _Within:
+    """The triangles of a surface; smaller ones where those next to pyramids move too far."""
+    for within in (wanted, wanted / 2):
         cells = cells_within(evaluator, blocks, within)
         marched = march(cells, level, surface)
         positions = cells.positions(marched.nodes)
@@ -65,17 +107,7 @@ def level_triangles(
         triangles, moved = _without_gaps(cells, marched, positions)
         if moved + float(bounds[bounds <= within].max(initial=0.0)) <= wanted:
             break
-        within = wanted / 2
-
-    values = cells.values(marched.nodes, evaluator.expressions[1:])
-    own = values[len(gradient) :]
-    named = dict(zip(quantities, own, strict=True))
-    is_bound = all(block.is_exact for block in blocks)
-    distance = float(bounds.max()) + moved
-    found = SurfaceTriangles(positions, triangles, np.zeros_like(positions), named, distance, is_bound)
-    normals = _units(values[: len(gradient)].T) if gradient else _means(found)
-    found = replace(found, normals=normals, remarks=remarks(bounds[bounds > wanted]))
-    return found if moved == 0 else found.compacted()
+    return _Within(cells, marched.nodes, positions, triangles, bounds, float(bounds.max()) + moved, moved > 0)
 
 
 def _without_gaps(cells: Cells, marched: Marched, positions: Floats) -> tuple[Ints, float]:
@@ -122,7 +154,7 @@ def march(cells: Cells, level: Expression, surface: str) -> Marched:
     """Points on the surface, and triangles of these; raises ElvisError if there are none."""
     found = _marched(cells, level) if cells.boxes else None
     if found is None or not len(found.triangles):
-        raise ElvisError(f"{surface}: expected a surface within the data, found none")
+        raise _NothingFoundError(f"{surface}: expected a surface within the data, found none")
     return found
 
 
