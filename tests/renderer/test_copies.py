@@ -252,6 +252,8 @@ def test_options_tables_and_words_are_one_scene():
     [
         ({"mirror": "x=0.5"}, r"mirror: the plane .* cuts the domain, which reaches from -0\.5 to 0\.5 across it"),
         ({"repeat": "0.7,0,0:3"}, "copies: copy 1 overlaps copy 0"),
+        # no centre of an element lies in the overlap
+        ({"repeat": "0.95,0,0:2"}, "copies: copy 1 overlaps copy 0"),
         ({"turn": "z:8"}, "copies: copy 1 overlaps copy 0"),
         ({"repeat": "x:2"}, "repeat: the data declare a period in no direction: expected a vector instead of x"),
         ({"mirror": "x=0", "memory": 1e9}, "copies: not available for data in parts or with a limit of memory"),

@@ -27,7 +27,9 @@ from elvis.core.shapes import Shape
 #: part of the size of the domain by which copies may overlap, as coordinates in files are rounded
 SLACK = 1e-6
 #: points of the domain that are located in copies
-_POINTS = 512
+_POINTS = 2048
+#: position of points near the corners of elements, from their centres (0) to the corners (1)
+_OUTWARD = 0.9
 #: copies of which all pairs are compared; of more, each is compared with the data
 _PAIRS = 64
 #: margin in reference coordinates beyond which a point is well inside an element
@@ -152,12 +154,15 @@ def _boxes_meet(one: Floats, other: Floats, slack: float) -> bool:
 
 
 def inner_points(dataset: Dataset) -> Floats:
-    """(n, 3) the centres of some elements, evenly chosen."""
+    """(n, 3) the centres of elements and points near their corners, some of them, evenly chosen."""
     lengths = periods(dataset)
     found = []
     for block in geometry(dataset):
-        centre = block.expansion.shape.vertices.mean(axis=0, keepdims=True)
-        found.append(evaluate(block.expansion, block.coefficients, centre)[..., 0])
+        corners = block.expansion.shape.vertices
+        centre = corners.mean(axis=0, keepdims=True)
+        inner = np.concatenate([centre, centre + _OUTWARD * (corners - centre)])
+        places = np.moveaxis(evaluate(block.expansion, block.coefficients, inner), 1, 2)
+        found.append(places.reshape(-1, 3))
     points = np.concatenate(found) if found else np.empty((0, 3))
     points = points[:: max(1, -(-len(points) // _POINTS))]
     for axis in range(dataset.mesh.dimension, 3):
