@@ -279,4 +279,6 @@ def text_color_on(background: Vector) -> Vector:
 
 def is_constant(low: float, high: float) -> bool:
     """Whether values between two bounds differ only by rounding."""
+    # numbers of Python give no warning for infinite bounds
+    low, high = float(low), float(high)
     return high - low <= CONSTANT * max(abs(low), abs(high))
