@@ -439,7 +439,7 @@ def test_long_texts_never_widen_a_figure(plane):
     """Titles, units, texts and names break at spaces outside mathematics, and end with an ellipsis."""
     settings = {"size": (100, 60), "device": "reference", "axes": True}
     usual = page_size(render(plane, bar=ColorBar(title="a"), **settings))
-    for text, position in (("W" * 9_000, "right"), ("$x^2$ in m " * 50, "bottom"), ("\n" * 9_000, "right")):
+    for text, position in (("W" * 9_000, "right"), ("$x^2$ in m " * 40, "bottom"), ("\n" * 9_000, "right")):
         bar = ColorBar(title=text, unit=text, position=position)
         texts = (Caption(text, (0.5, 0.5, 0.0)),)
         width, height = page_size(render(plane, title=text, bar=bar, texts=texts, **settings))
@@ -466,3 +466,18 @@ def test_texts_that_fit_are_unchanged(plane):
 def test_long_mathematics_is_an_error(plane):
     with pytest.raises(SceneError, match="at most 1000 characters of text with mathematics, found 9002"):
         save_figure([render(plane, title=f"${'x' * 9_000}$", size=(30, 20), device="reference")], BytesIO(), ".png")
+
+
+@pytest.mark.parametrize("name", [r"$\foo{$", "a$b$"])
+def test_names_of_fields_are_no_mathematics(name, linear):
+    data = linear(grid(Shape.QUADRILATERAL, 1), name=name)
+    for unit in ("$m^2$", "m"):
+        content = BytesIO()
+        save_figure([render(data, size=(60, 50), device="reference", bar=ColorBar(unit=unit))], content, ".svg")
+    assert f">{name} [m]<" in content.getvalue().decode()
+
+
+def test_mathematics_in_units_is_checked(plane):
+    frame = render(plane, size=(60, 50), device="reference", bar=ColorBar(unit=r"$\foo$"))
+    with pytest.raises(SceneError, match="title: expected mathematics between dollars"):
+        save_figure([frame], BytesIO(), ".png")

@@ -10,7 +10,7 @@ from elvis import Camera, ColorBar, Contours, CutSurface, Faces, Plane, Scene, S
 from elvis.core.errors import FormatError
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
-from elvis.scene.palette import NOT_A_NUMBER, STEPS, Palette, automatic_range, ticks
+from elvis.scene.palette import NOT_A_NUMBER, STEPS, Palette, automatic_range, is_constant, ticks
 from elvis.scene.picture import AXES, labels, notes, picture, sentences, shortest
 
 FINITE = st.floats(-1e12, 1e12)
@@ -327,6 +327,12 @@ def test_external_texts_have_a_maximum_length(linear):
         Scene(title="x" * 10_001)
     with pytest.raises(FormatError, match=r"expected a name of at most 1000 characters for a field, found 1001: 'ffff"):
         linear(grid(Shape.QUADRILATERAL, 1), name="f" * 1001)
+
+
+def test_infinite_bounds_give_no_warning(recwarn):
+    assert not is_constant(np.float64(0), np.float64(np.inf))
+    assert not is_constant(np.float64(np.inf), np.float64(np.inf))
+    assert not recwarn
 
 
 def test_whole_numbers_have_whole_ticks():

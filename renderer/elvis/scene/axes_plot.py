@@ -78,18 +78,11 @@ def _add_bar(axes: Any, legend: Legend) -> None:
     """A colour bar with the title and the marks that the scene wants."""
     from matplotlib.cm import ScalarMappable
 
-    from elvis.scene.panel import value_norm
+    from elvis.scene.panel import bar_title, value_norm
 
     assert legend.palette is not None
     own = legend.bar or ColorBar()
-    bar = axes.figure.colorbar(ScalarMappable(*value_norm(legend.palette, own)), ax=axes, label=_label(legend))
+    bar = axes.figure.colorbar(ScalarMappable(*value_norm(legend.palette, own)), ax=axes, label=bar_title(legend))
     if own.ticks:
         bar.set_ticks(list(own.ticks))
     bar.minorticks_off()
-
-
-def _label(legend: Legend) -> str:
-    """The title of the bar, and its unit."""
-    bar = legend.bar
-    title = legend.title if bar is None or bar.title is None else bar.title
-    return f"{title} [{bar.unit}]" if bar is not None and bar.unit else title

@@ -35,6 +35,11 @@ class _Measure:
         return float(width)
 
 
+def literal(text: str) -> str:
+    """The text as matplotlib draws it without taking what stands between dollar signs for mathematics."""
+    return text.replace("$", r"\$")
+
+
 def broken_lines(text: str, width: float, renderer: Any, points: float, most: int = MAX_LINES) -> str:
     """The text in at most ``most`` lines no wider than ``width`` pixels.
 

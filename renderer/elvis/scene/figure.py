@@ -82,11 +82,13 @@ def _check_mathematics(frames: Sequence[Frame]) -> None:
     """SceneError if text between dollar signs in a title or a text is not valid mathematics."""
     from matplotlib.mathtext import MathTextParser
 
+    from elvis.scene.panel import bar_title
+
     titles = [frame.scene.title or "" for frame in frames]
     titles += [caption.text for frame in frames for caption in frame.scene.texts]
-    titles += [legend.bar.title or "" for frame in frames for legend in frame.legends if legend.bar]
+    titles += [bar_title(legend) for frame in frames for legend in frame.legends]
     for title in titles:
-        if title.count("$") < 2:
+        if title.count("$") - title.count(r"\$") < 2:
             continue
         if len(title) > MAX_MATHEMATICS:
             expected = f"at most {MAX_MATHEMATICS} characters of text with mathematics"

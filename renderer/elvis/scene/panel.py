@@ -8,7 +8,7 @@ import numpy as np
 
 from elvis.core.arrays import Floats
 from elvis.core.terminal import visible
-from elvis.scene.broken_lines import broken_lines
+from elvis.scene.broken_lines import broken_lines, literal
 from elvis.scene.captions import draw_caption, draw_image
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Arrow, Frame, Legend
@@ -218,7 +218,7 @@ class Panel:
         self.axes.fill(*line.T, color=self.page.text_color, lw=0, zorder=BOX, clip_on=False)
         self.axes.set(xlim=(-0.5, self.width - 0.5), ylim=(self.height - 0.5, -0.5))
         size = 0.9 * self.page.points
-        text = broken_lines(visible(arrow.text), self.width, self.page.measure(), size, 1)
+        text = broken_lines(literal(visible(arrow.text)), self.width, self.page.measure(), size, 1)
         self._text(right + self.unit, y, text, fontsize=size)
 
     def _draw_notes(self) -> None:
@@ -226,7 +226,7 @@ class Panel:
         size = 0.9 * self.page.points
         room = max(self.width, 20 * self.unit)
         labelled = any(stroke.labels for stroke in (self.frame.drawing.strokes if self.frame.drawing else ()))
-        notes = [visible(text) for text in sentences(self.frame, contours=not labelled)]
+        notes = [literal(visible(text)) for text in sentences(self.frame, contours=not labelled)]
         lines = [broken_lines(text, room, self.page.measure(), size, MAX_NOTE_LINES) for text in notes]
         if lines:
             y = self.edges()[0, 1] - 0.6 * self.unit
@@ -309,16 +309,21 @@ class Bar:
         return values, labels(values)
 
     def _title(self, axes: Any, upright: bool) -> None:
-        title = self.own.title if self.own.title is not None else self.legend.title
-        title = f"{title} [{self.own.unit}]" if self.own.unit else title
         page, width = self.panel.page, float((self.span[1] - self.span[0])[0])
         room = max(MAX_BAR_NAME * self.panel.unit, width / 2 if upright else width)
-        title = broken_lines(visible(title), room, page.measure(), page.points)
+        title = broken_lines(visible(bar_title(self.legend)), room, page.measure(), page.points)
         how = {"color": page.text_color, "fontsize": page.points}
         if upright:
             axes.set_title(title, loc="left", pad=page.to_points(0.5 * self.panel.unit), **how)
         else:
             axes.set_xlabel(title, **how)
+
+
+def bar_title(legend: Legend) -> str:
+    """The title and unit of a colour bar; only given ones may contain mathematics, names of fields do not."""
+    bar = legend.bar
+    title = literal(legend.title) if bar is None or bar.title is None else bar.title
+    return f"{title} [{bar.unit}]" if bar is not None and bar.unit else title
 
 
 def value_norm(palette: Palette, bar: ColorBar) -> tuple[Any, Any]:
