@@ -78,7 +78,8 @@ def _add_bar(axes: Any, legend: Legend) -> None:
     """A colour bar with the title and the marks that the scene wants."""
     from matplotlib.cm import ScalarMappable
 
-    from elvis.scene.panel import bar_title, value_norm
+    from elvis.scene.broken_lines import bar_title
+    from elvis.scene.panel import value_norm
 
     assert legend.palette is not None
     own = legend.bar or ColorBar()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
+from elvis.scene.frame import Legend
 from elvis.scene.picture import wrapped
 
 #: lines of a title or a text; an ellipsis ends what does not fit
@@ -58,3 +59,10 @@ def broken_lines(text: str, width: float, renderer: Any, points: float, most: in
         fits = len(line) <= MAX_WHOLE and measure.getlength(line) <= width
         lines += [line] if fits else wrapped(WORD.findall(line), width, measure, left)
     return "\n".join(lines)
+
+
+def bar_title(legend: Legend) -> str:
+    """The title and unit of a colour bar; only given ones may contain mathematics, names of fields do not."""
+    bar = legend.bar
+    title = literal(legend.title) if bar is None or bar.title is None else bar.title
+    return f"{title} [{bar.unit}]" if bar is not None and bar.unit else title

@@ -82,7 +82,7 @@ def _check_mathematics(frames: Sequence[Frame]) -> None:
     """SceneError if text between dollar signs in a title or a text is not valid mathematics."""
     from matplotlib.mathtext import MathTextParser
 
-    from elvis.scene.panel import bar_title
+    from elvis.scene.broken_lines import bar_title
 
     titles = [frame.scene.title or "" for frame in frames]
     titles += [caption.text for frame in frames for caption in frame.scene.texts]

@@ -8,7 +8,7 @@ import numpy as np
 
 from elvis.core.arrays import Floats
 from elvis.core.terminal import visible
-from elvis.scene.broken_lines import broken_lines, literal
+from elvis.scene.broken_lines import bar_title, broken_lines, literal
 from elvis.scene.captions import draw_caption, draw_image
 from elvis.scene.errors import SceneError
 from elvis.scene.frame import Arrow, Frame, Legend
@@ -317,13 +317,6 @@ class Bar:
             axes.set_title(title, loc="left", pad=page.to_points(0.5 * self.panel.unit), **how)
         else:
             axes.set_xlabel(title, **how)
-
-
-def bar_title(legend: Legend) -> str:
-    """The title and unit of a colour bar; only given ones may contain mathematics, names of fields do not."""
-    bar = legend.bar
-    title = literal(legend.title) if bar is None or bar.title is None else bar.title
-    return f"{title} [{bar.unit}]" if bar is not None and bar.unit else title
 
 
 def value_norm(palette: Palette, bar: ColorBar) -> tuple[Any, Any]:
