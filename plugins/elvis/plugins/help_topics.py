@@ -14,7 +14,7 @@ a normal, both of any length; a final :N in seeds is a number of points.
 Surfaces (--cut, --clip, integrate --over, extract):
   plane:P:N                     plane through P; its inside is behind the normal
   z=V                           plane at a coordinate, also x=V and y=V
-  plane:z or z                  plane across an axis through the middle of the
+  middle:z, plane:z or z        plane across an axis through the middle of the
                                 data, also in sections and seeds
   sphere:C:RADIUS               sphere
   cylinder:P:A:RADIUS           infinite cylinder around the axis through P
