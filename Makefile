@@ -5,17 +5,18 @@ AREAS := formats plugins converters renderer reference
 DEMO  := .venv/.demo
 READY := .venv/.ready
 
-# Tests run in five sets, one after another, each in processes of its own: what solvers' libraries, kernels and the tests
+# Tests run in six sets, one after another, each in processes of its own: what solvers' libraries, kernels and the tests
 # themselves take in memory leaves with them, and no process grows beyond 1.5 GB.
 DRAWING    := tests/renderer tests/trials tests/viewer
-CONVERTING := tests/converters tests/reference
-EXTENDING  := tests/benchmarks tests/examples tests/plugins
+CONVERTING := tests/converters
+REFERENCE  := tests/examples tests/reference
+EXTENDING  := tests/benchmarks tests/plugins
 HOUSE      := tests/house
-OTHERS     := $(filter-out $(DRAWING) $(CONVERTING) $(EXTENDING) $(HOUSE) tests/__pycache__,$(patsubst %/,%,$(wildcard tests/*/)))
+OTHERS     := $(filter-out $(DRAWING) $(CONVERTING) $(REFERENCE) $(EXTENDING) $(HOUSE) tests/__pycache__,$(patsubst %/,%,$(wildcard tests/*/)))
 
 # run_tests OPTIONS: every set, also after one that failed
 define run_tests
-@failed=; for set in "$(DRAWING)" "$(CONVERTING)" "$(EXTENDING)" "$(HOUSE)" "$(OTHERS)"; do \
+@failed=; for set in "$(DRAWING)" "$(CONVERTING)" "$(REFERENCE)" "$(EXTENDING)" "$(HOUSE)" "$(OTHERS)"; do \
 	$(RUN) -m pytest --numprocesses auto --maxprocesses 4 --dist worksteal $(1) $$set || failed="$$failed $$set"; \
 done; test -z "$$failed" || { echo "not all tests passed in:$$failed"; exit 1; }
 endef

@@ -37,6 +37,8 @@ from elvis.renderer.device import SHADERS
 from elvis.renderer.device_errors import DeviceError
 from elvis.renderer.kernel_failures import DRAWN, drawn_by, naming_what_fails
 
+#: kernels of this device are libraries, which stay in memory until it is closed
+pytestmark = pytest.mark.apart
 VIEW = {"camera": Camera((2.2, -1.7, 1.9), (0.5, 0.5, 0.5), fov=28.0), "size": (24, 20)}
 CENTRE = (0.5, 0.45, 0.5)
 PLANE = Plane(CENTRE, (0.2, 0.1, 1.0))
