@@ -64,6 +64,12 @@ def with_normals(text: str, corners: Corners | None = None) -> str:
     return f"plane:{point_and_normal(rest, corners)}" if colon and kind.strip() in _KINDS else text
 
 
+def middle_axis(text: str) -> str:
+    """The axis of a plane through the middle of the data, ``z``, ``plane:z`` or ``middle:z``; empty for other texts."""
+    found = re.fullmatch(rf"\s*(?:(?:{'|'.join(_KINDS)})\s*:)?\s*([xyz])\s*", text)
+    return found[1] if found else ""
+
+
 def needs_box(text: str) -> bool:
     """Whether a plane goes through the middle of the data: ``z`` or ``plane:z``, also after ``outside:``."""
     return re.fullmatch(r"(?:.*:)?\s*[xyz]\s*", text) is not None

@@ -11,7 +11,7 @@ from PIL import ImageColor
 
 from elvis import scene
 from elvis.core.arguments import numbers, triples
-from elvis.core.axis_planes import point_and_normal, with_normals
+from elvis.core.axis_planes import middle_axis, point_and_normal, with_normals
 from elvis.core.hints import perhaps
 from elvis.scene.commandline.other_programs import VIEWS
 from elvis.scene.settings import check, choices, settings, types
@@ -35,7 +35,8 @@ def plane(text: str) -> scene.Plane:
 
 def cutting_plane(text: str) -> scene.Plane | Middle:
     """`plane`; ``z`` is the plane through the middle of the data."""
-    return Middle(text.strip()) if text.strip() in AXES else plane(text)
+    axis = middle_axis(text)
+    return Middle(axis) if axis else plane(text)
 
 
 def surface(text: str) -> scene.Surface:
@@ -43,8 +44,8 @@ def surface(text: str) -> scene.Surface:
 
     A bare ``z=0.2`` is a plane, a bare ``z`` or ``plane:z`` the one through the middle; SURFACES lists the kinds.
     """
-    axis = text.removeprefix("plane:").strip()
-    if axis in AXES:
+    axis = middle_axis(text)
+    if axis:
         return Middle(axis)
     is_plane = point_and_normal(text) != text
     kind, _, rest = with_normals(f"plane:{text}" if is_plane else text).partition(":")
