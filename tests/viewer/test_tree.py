@@ -65,11 +65,19 @@ def squares(folder):
     return tuple(map(str, write(data, folder / "square.xml")))
 
 
-def test_regions_of_2d_data_are_hidden_and_coloured(start, browser, tmp_path):
+@pytest.fixture
+def regions(start, browser, tmp_path):
+    """A viewer of the square, and its page at rest."""
     viewer = start(Scene("u", data=squares(tmp_path), size=(200, 160)))
     page = browser.new_page()
     page.goto(viewer.address)
     settled(page, viewer)
+    yield viewer, page
+    page.close()
+
+
+def test_regions_of_2d_data_are_hidden_and_coloured(regions):
+    viewer, page = regions
     page.get_by_label("colour of left").fill("#ff0000")
     settled(page, viewer)
     assert objects(viewer) == [("faces", ("region:right",)), ("faces", ("region:left",))]
@@ -83,14 +91,10 @@ def test_regions_of_2d_data_are_hidden_and_coloured(start, browser, tmp_path):
     page.get_by_role("button", name="show left").click()
     settled(page, viewer)
     assert objects(viewer) == [("faces", ("all",))]
-    page.close()
 
 
-def test_boundaries_of_2d_data_are_lines(start, browser, tmp_path):
-    viewer = start(Scene("u", data=squares(tmp_path), size=(200, 160)))
-    page = browser.new_page()
-    page.goto(viewer.address)
-    settled(page, viewer)
+def test_boundaries_of_2d_data_are_lines(regions):
+    viewer, page = regions
     page.get_by_label("colour of boundary").fill("#ff0000")
     settled(page, viewer)
     faces, line = viewer.session.current.objects
@@ -100,7 +104,6 @@ def test_boundaries_of_2d_data_are_lines(start, browser, tmp_path):
     page.get_by_role("button", name="hide boundary").click()
     settled(page, viewer)
     assert objects(viewer) == [("faces", ("all",))]
-    page.close()
 
 
 def test_objects_change_places(page, viewer, tree):

@@ -23,7 +23,7 @@ _KINDS = ("plane", "middle")
 def box_of(dataset: Dataset) -> Floats:
     """(2, 3) lowest and highest coordinates of vertices and of points of curves.
 
-    Fourier directions extend over their lengths.  Of a part of data, the box of the part.
+    Fourier directions extend over their lengths.  For a part of data, this is the box of the part.
     """
     corners = dataset.mesh.corners.copy()
     for block in (block for field in dataset.fields for block in field.blocks):

@@ -36,14 +36,14 @@ def give_back_at_once() -> None:
 def retain_free_memory() -> None:
     """Reuse the pages of freed arrays up to 4 MiB instead of returning them, for the rest of the process.
 
-    By default, glibc returns the end of its heap to the system once a few arrays at this end are freed.  The next
-    arrays then need new pages, and clearing these costs a virtual machine more than the arithmetic on the arrays.  Has
-    no effect without glibc.
+    The default of glibc returns the end of its heap once a few arrays there are freed.  The next arrays then need new
+    pages, and clearing these costs a virtual machine more than the arithmetic on the arrays.  Has no effect without
+    glibc.
     """
+    # either setting ends the automatic choice of both
+    give_back_at_once()
     set_option = _of_glibc("mallopt")
     if set_option is not None:
-        # either setting ends the automatic choice of both
-        set_option(_MMAP_THRESHOLD, _OWN_PAGES)
         set_option(_TRIM_THRESHOLD, _RETAINED)
 
 

@@ -18,7 +18,7 @@ from elvis.core.polynomials.expansion import values as mode_values
 
 
 @dataclass(frozen=True, eq=False)
-class EtaBoxes:
+class BlockBoxes:
     """Boxes of eta in elements (n,) of a block: ends (n, d)."""
 
     element: Ints
@@ -28,14 +28,14 @@ class EtaBoxes:
     def __len__(self) -> int:
         return len(self.element)
 
-    def take(self, chosen: Ints | Bools | slice) -> EtaBoxes:
+    def take(self, chosen: Ints | Bools | slice) -> BlockBoxes:
         """Some of the boxes."""
-        return EtaBoxes(self.element[chosen], self.low[chosen], self.high[chosen])
+        return BlockBoxes(self.element[chosen], self.low[chosen], self.high[chosen])
 
-    def halved(self) -> EtaBoxes:
+    def halved(self) -> BlockBoxes:
         """The halves in all directions, far apart for one box: half k of box i is number k n + i."""
         low, high = all_half_boxes(self.low, self.high)
-        return EtaBoxes(np.tile(self.element, 2 ** self.low.shape[1]), low, high)
+        return BlockBoxes(np.tile(self.element, 2 ** self.low.shape[1]), low, high)
 
 
 def orthonormal_spaces(spaces: Sequence[Expansion]) -> dict[Expansion, Floats]:
@@ -93,7 +93,7 @@ class Moments:
         self.measure[rows], self.missed[rows], self.size[rows] = other.measure, other.missed, other.size
 
     def take(self, chosen: Ints | Bools) -> Moments:
-        """Those on some of the boxes."""
+        """The moments on some of the boxes."""
         fields = {own: value[chosen] for own, value in self.fields.items()}
         functions = {own: value[chosen] for own, value in self.functions.items()}
         return Moments(fields, functions, self.measure[chosen], self.missed[chosen], self.size[chosen])

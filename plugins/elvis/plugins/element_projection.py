@@ -26,7 +26,7 @@ from elvis.core.polynomials.collapse import collapse_jacobian, uncollapse
 from elvis.core.polynomials.cubature import COLLAPSE
 from elvis.core.quantities.element_points import ElementPoints
 from elvis.core.shapes import Shape
-from elvis.plugins.box_moments import EtaBoxes, Moments, Totals, moments_of, orthonormal_spaces
+from elvis.plugins.box_moments import BlockBoxes, Moments, Totals, moments_of, orthonormal_spaces
 from elvis.plugins.other_mesh import OtherMesh
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.choosing import ChosenOrders
@@ -102,7 +102,7 @@ class ElementProjection:
         """Add up the moments of fields and of functions."""
         d, count = block.shape.dimension, len(block)
         self._left += self._allowance(block)
-        boxes = EtaBoxes(np.arange(count), np.full((count, d), -1.0), np.ones((count, d)))
+        boxes = BlockBoxes(np.arange(count), np.full((count, d), -1.0), np.ones((count, d)))
         work = _BlockMoments.on(self._source, block, self._rules(block), spaces)
         whole, is_final = work.of(boxes, 0)
         measure, size, residual = whole.measure, whole.size, np.zeros(count)
@@ -132,7 +132,7 @@ class ElementProjection:
         return _Rules(block.shape, max(2, order), self._source.degree, block.source.order)
 
     def _allowance(self, block: NativeBlock) -> int:
-        """Points that may be spent on a block, in addition to those that others have left."""
+        """Number of points for a block, besides what earlier blocks have not used."""
         first = len(block) * len(self._rules(block).coarse[0])
         return max(_LEAST_POINTS * first // self._first, _POINTS_PER_POINT[block.shape.dimension] * first)
 
@@ -164,7 +164,7 @@ class _Rules:
 
     @property
     def coarse(self) -> tuple[Floats, Floats]:
-        """A rule that tells all functions of the projections' spaces apart."""
+        """A rule that distinguishes all functions of the projections' spaces."""
         return box_rule(tuple((2 * self.order + power) // 2 + 1 for power in COLLAPSE[self.shape]))
 
     def fine(self, is_affine: bool, fewer: int = 0) -> tuple[Floats, Floats]:
@@ -195,11 +195,11 @@ class _BlockMoments:
 
     @staticmethod
     def on(source: OtherMesh, block: NativeBlock, rules: _Rules, spaces: dict[Expansion, Floats]) -> _BlockMoments:
-        """Those on a block of the target."""
+        """The moments on a block of the target."""
         patch = source.own[block.source.key]
         return _BlockMoments(source, block, rules, spaces, Piece(patch, block.rows, patch.shape).is_affine)
 
-    def of(self, boxes: EtaBoxes, depth: int) -> tuple[Moments, Bools]:
+    def of(self, boxes: BlockBoxes, depth: int) -> tuple[Moments, Bools]:
         """The moments on boxes that were halved ``depth`` times, and which (n,) need no further halving."""
         found = Moments.none(len(boxes), len(self.source.fields), self.spaces)
         is_final = np.zeros(len(boxes), bool)
@@ -225,7 +225,7 @@ class _BlockMoments:
         is_final[others] = (part[others] == _NONE) & (moments.missed == moments.measure)
         return found, is_final
 
-    def _holders(self, boxes: EtaBoxes) -> tuple[Ints, Ints]:
+    def _holders(self, boxes: BlockBoxes) -> tuple[Ints, Ints]:
         """(n,) the patch of the source whose element, of row (n,), holds all corners of a box.
 
         The patch is _SEVERAL if there is no such element, _NONE if no element is near.
@@ -244,7 +244,7 @@ class _BlockMoments:
             rows.append(row[:, 0])
         return np.concatenate(parts), np.concatenate(rows)
 
-    def _points(self, boxes: EtaBoxes, places: Floats) -> tuple[ElementPoints, Floats]:
+    def _points(self, boxes: BlockBoxes, places: Floats) -> tuple[ElementPoints, Floats]:
         """The points of places (q, d) of [-1, 1]^d in boxes, and their eta (n q, d)."""
         middle, half = (boxes.low + boxes.high) / 2, (boxes.high - boxes.low) / 2
         eta = (middle[:, None] + half[:, None] * places).reshape(-1, places.shape[1])
@@ -253,7 +253,7 @@ class _BlockMoments:
         return ElementPoints(patch, rows, uncollapse(self.block.shape, eta)), eta
 
     def _in_one(
-        self, boxes: EtaBoxes, number: int, rows: Ints, depth: int, is_affine: bool
+        self, boxes: BlockBoxes, number: int, rows: Ints, depth: int, is_affine: bool
     ) -> tuple[Moments, Bools, Bools]:
         """Moments on boxes in elements ``rows`` (n,) of patch ``number``.
 
@@ -277,7 +277,7 @@ class _BlockMoments:
         is_sure[inside] = coarse.distance(part, part.measure, part.size) <= _GOAL
         return fine, is_inside, is_sure
 
-    def _anywhere(self, boxes: EtaBoxes) -> Moments:
+    def _anywhere(self, boxes: BlockBoxes) -> Moments:
         """The moments on boxes of any place, by a coarse rule."""
 
         def values(some: slice, places: Floats) -> tuple[Bools, Floats]:
@@ -286,7 +286,7 @@ class _BlockMoments:
 
         return self._moments(boxes, self.rules.coarse, values)
 
-    def _moments(self, boxes: EtaBoxes, rule: tuple[Floats, Floats], values: _Values) -> Moments:
+    def _moments(self, boxes: BlockBoxes, rule: tuple[Floats, Floats], values: _Values) -> Moments:
         """The moments on boxes by one rule each."""
         places, weights = rule
         parts = []

@@ -55,7 +55,7 @@ def default_field(data: Dataset | PluginData) -> str:
 def located(scene: Scene, data: Dataset | PluginData, source: Bricks | RankPart | None) -> Scene:
     """The scene with its field, with planes through the middle of the data, and copies by their periods.
 
-    source  of which data are a few elements, if they come in parts
+    source  the whole, if data are only some of its elements
     """
 
     def corners() -> Floats:
@@ -118,7 +118,7 @@ def _check_faces(scene: Scene) -> None:
 
 
 def _in_plane(item: SceneObject, ground: Plane) -> SceneObject:
-    """An object of a scene of 2D data: all elements are a cut by their plane, and some are unlit as it is."""
+    """An object of a scene of 2D data: all elements become a cut by their plane, and some stay faces, unlit."""
     if not isinstance(item, Faces):
         return item
     if "all" in item.select:

@@ -128,7 +128,7 @@ def _placed(scenes: Sequence[Scene], corners: Floats) -> list[Scene]:
 
 
 def _corners(part: Portion, ranks: Ranks) -> Floats:
-    """(2, 3) corners of the box of all ranks' parts, some of which may have no elements."""
+    """(2, 3) corners of the box of all ranks' parts; a part may have no elements."""
     own = box_of(part.dataset) if len(part.dataset.mesh.vertices) else None
     every = [box for box in ranks.exchange(own, "box of the data") if box is not None]
     return np.stack([np.min([box[0] for box in every], axis=0), np.max([box[1] for box in every], axis=0)])

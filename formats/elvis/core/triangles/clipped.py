@@ -169,7 +169,7 @@ def clipped_lines_of_level(curve: LevelLines, dataset: Dataset, clip: str, toler
 
 
 def _with_cuts(curve: LevelLines, chosen: Bools, t: Floats) -> LevelLines:
-    """Lines of which the chosen ones (k,) are divided in two, at a share t (k,) of the way; values are linear."""
+    """The lines, with chosen ones (k,) divided in two at a share t (k,) of their length; values are linear."""
     start, stop = curve.lines[chosen].T
     middles = len(curve.points) + np.arange(len(start))
     halves = [curve.lines[~chosen], np.stack([start, middles], axis=1), np.stack([middles, stop], axis=1)]

@@ -47,7 +47,7 @@ _Faces: TypeAlias = dict[tuple[int, ...], dict[tuple[int, int], list[_Line]]]
 
 @dataclass(eq=False)
 class _Seams:
-    """What is to be done with triangles.
+    """Changes of triangles.
 
     inserted  nodes to insert on sides of triangles, by row and slot, in the direction of the side
     welded    nodes that are replaced by others at their places

@@ -69,7 +69,7 @@ class _Numbers:
 
 
 def _numbers_of(file: BinaryIO) -> _Numbers:
-    """What the superblock says, which begins at byte 0, 512, 1024, 2048, ...; the usual numbers if there is none."""
+    """Numbers of the superblock, which begins at byte 0, 512, 1024, ...; the usual numbers if there is none."""
     end = file.seek(0, 2)
     place = 0
     while place < end:

@@ -44,7 +44,7 @@ def print_quality(source: Source, as_json: bool) -> None:
 
 
 def _quality(source: Source) -> MeshQuality:
-    """The measures of native data, or of those that a runtime plugin has opened."""
+    """The measures of native data or of data of a runtime plugin."""
     if source.dataset is not None:
         from elvis.core.mesh_quality import mesh_quality
 

@@ -207,7 +207,7 @@ class IsosurfaceDrawer:
             yield replace(own, elements=np.sort(sections.element[rows[is_open]]).astype(np.int64))
 
     def _occlusion(self, view: View, held: dict[str, Buffer]) -> Occlusion:
-        """The occlusion by what is drawn so far."""
+        """Occlusion by the hits so far."""
         owner = self.device.read(held["owner"], np.uint32, view.count)
         depth = self.device.read(held["depth"], np.float64, view.count)
         return Occlusion.of(view, owner, depth)
@@ -537,7 +537,7 @@ def _sections_of(view: View, boxes: SeriesBoxes) -> tuple[Sections, Floats]:
 
 
 def _visible(level: Level, sub_elements: NDArray[Any]) -> NDArray[Any]:
-    """Those of some sub-elements that are not hidden by what is already drawn."""
+    """The sub-elements, among the given ones, that earlier hits do not hide."""
     if level.occlusion is None:
         return sub_elements
     bounds, is_counted = sub_elements["bounds"], sub_elements["outcome"] == UNDEFINED

@@ -60,7 +60,7 @@ class Occlusion:
 
 
 def _greatest(depths: Floats, side: int) -> Floats:
-    """Maxima over squares of an array, of which the last ones may be incomplete."""
+    """Maxima over squares of an array; the last squares may be incomplete."""
     rows, columns = depths.shape
     room = ((0, -rows % side), (0, -columns % side))
     padded = np.pad(depths, room, constant_values=-np.inf)
