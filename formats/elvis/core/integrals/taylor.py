@@ -6,7 +6,8 @@ from math import factorial
 
 import numpy as np
 
-from elvis.core.arrays import Floats
+from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.polynomials.bernstein import line_tables
 from elvis.core.quantities.discs import Disc
 
@@ -28,8 +29,7 @@ def taylor(nets: Floats, places: Floats, sizes: Floats) -> Floats:
     for axis in range(3):
         degree = found.shape[1] - 1
         tables = line_tables(degree, places[:, axis], degree)
-        orders = np.arange(degree + 1)
-        scale = sizes[:, axis] ** orders[:, None] / np.array([[float(factorial(order))] for order in orders])
+        scale = sizes[:, axis] ** np.arange(degree + 1)[:, None] / _factorials(degree + 1)[:, None]
         matrices = (tables * scale[:, :, None]).transpose(1, 0, 2)
         rest = found.shape[2:]
         found = matrices @ found.reshape(len(found), degree + 1, int(np.prod(rest)))
@@ -111,7 +111,9 @@ def constant_and_rest(coefficients: Floats, by_power: Floats, radius: Floats) ->
     by_power  (n, columns, C) bounds of the coefficients of each power of u
     radius    (n, columns) of the disc of u
     """
-    total = np.einsum("nqc,nqc->nq", by_power, powers_of(radius, by_power.shape[2]))
+    total = by_power[..., -1]
+    for power in range(by_power.shape[2] - 2, -1, -1):
+        total = total * radius + by_power[..., power]
     constant = coefficients[:, 0, 0, 0][:, None]
     return constant, np.maximum(total - np.abs(constant), 0.0) + ROUNDING * total
 
@@ -122,3 +124,8 @@ def powers_of(radii: Floats, count: int) -> Floats:
     for power in range(1, count):
         found[..., power] = found[..., power - 1] * radii
     return found
+
+
+@bounded_cache
+def _factorials(count: int) -> Floats:
+    return frozen_floats([factorial(k) for k in range(count)])

@@ -194,9 +194,10 @@ def _line_values(degree: int, t: Floats, powers: Ints) -> Floats:
 def line_tables(degree: int, t: Floats, orders: int = 0) -> Floats:
     """(1 + orders, n, degree + 1) Bernstein polynomials at t (n,) in [0, 1], then their derivatives."""
     result = np.zeros((1 + orders, degree + 1, len(t)))
+    powers, opposite = powers_of(t, degree + 1), powers_of(1 - t, degree + 1)
     for order in range(min(degree, orders) + 1):
         count = degree - order + 1
-        rows = _binomials(degree - order)[:, None] * powers_of(t, count) * powers_of(1 - t, count)[::-1]
+        rows = _binomials(degree - order)[:, None] * powers[:count] * opposite[:count][::-1]
 
         # b_k' = degree (b_{k-1} - b_k) of one degree less
         for k in range(order):

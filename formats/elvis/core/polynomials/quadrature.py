@@ -43,12 +43,13 @@ def _jacobi_matrix(count: int, alpha: float, beta: float) -> Floats:
     return np.diag(middle) + np.diag(np.sqrt(squares), 1) + np.diag(np.sqrt(squares), -1)
 
 
+@bounded_cache
 def gauss(count: int, alpha: float = 0, beta: float = 0) -> Rule:
-    """``count`` >= 1 inner nodes, exact to degree 2 count - 1."""
+    """``count`` >= 1 inner nodes, exact to degree 2 count - 1; read-only."""
     nodes = jacobi_roots(count, alpha, beta)
     derivatives = jacobi_with_derivative(count, alpha, beta, nodes)[1][-1]
     scale = (count + 1 + alpha + beta) * _scale(count + 1, alpha, beta)
-    return nodes, scale / ((1 - nodes**2) * derivatives**2)
+    return _freeze((nodes, scale / ((1 - nodes**2) * derivatives**2)))
 
 
 def radau_minus(count: int, alpha: float = 0, beta: float = 0) -> Rule:
