@@ -23,7 +23,7 @@ from elvis.core.patch import Patch, patches
 from elvis.core.polynomials.evaluation import evaluate, evaluate_with_gradients
 from elvis.core.quantities.derived import RECOVERED, derived_name
 from elvis.core.resolution.modal_bases import exact_rule
-from elvis.core.resolution.recovery import raised
+from elvis.core.resolution.recovery import MORE, raised
 
 #: numbers in a table of values at quadrature points
 _BATCH = 1 << 20
@@ -52,7 +52,7 @@ def work_of(dataset: Dataset, name: str) -> int:
     total = 0
     for block in dataset.field(name).blocks:
         shape, modes = block.expansion.shape, max(block.expansion.modes)
-        polynomials = comb(modes + shape.dimension, shape.dimension)
+        polynomials = comb(modes - 1 + MORE + shape.dimension, shape.dimension)
         total += len(block) * len(shape.vertices) * (modes + 1) ** shape.dimension * polynomials
     return total
 

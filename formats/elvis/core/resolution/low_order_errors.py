@@ -37,10 +37,8 @@ from elvis.core.resolution.decay_rates import LOWEST_ORDER, OWN_RATES_FROM
 from elvis.core.resolution.element_resolution import ElementResolution
 from elvis.core.resolution.modal_bases import exact_rule
 from elvis.core.resolution.patch_fits import BATCH, TOGETHER, FieldElements, PatchFits, field_elements
-from elvis.core.resolution.recovery import is_continuous
+from elvis.core.resolution.recovery import MORE, is_continuous
 
-#: degrees of the polynomials beyond the order of the field
-_MORE = 2
 #: factor of the misfit against the missing part: from half of it on, the spectrum counts as much as the polynomial
 _MISFIT = 2.0
 #: numbers in normal equations from which fits are left out: some seconds
@@ -72,7 +70,7 @@ def with_neighbours(dataset: Dataset, name: str, own: ElementResolution) -> Elem
 
 def _work(own: ElementResolution, order: int, dimension: int) -> int:
     """Numbers in the normal equations of all patches."""
-    return len(own) * comb(order + _MORE + dimension, dimension) ** 2
+    return len(own) * comb(order + MORE + dimension, dimension) ** 2
 
 
 def _blended(missing: Floats, misfit: Floats, of_spectrum: Floats, trust: Floats) -> Floats:
@@ -87,7 +85,7 @@ def patch_errors(dataset: Dataset, name: str, order: int) -> tuple[Ints, Floats,
     """Ids (n,) of the elements with finite coefficients, the missing part and the misfit (n,), as root mean squares."""
     elements = list(field_elements(dataset, name))
     continuous = is_continuous(dataset, name)
-    fits = PatchFits(elements, sum(map(len, elements)), order + _MORE, continuous, is_complete=True)
+    fits = PatchFits(elements, sum(map(len, elements)), order + MORE, continuous, is_complete=True)
     patches_of = _neighbours(elements, len(dataset.mesh.vertices))
     found = []
     for own in elements:

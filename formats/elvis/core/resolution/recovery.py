@@ -1,6 +1,6 @@
 """Recovered fields: of one order more, with derivatives that are one order more accurate than those of the field.
 
-Around each vertex v, a polynomial q_v in x, y, z of degree p + 1 is fitted to a field of order p on all elements that
+Around each vertex v, a polynomial q_v in x, y, z of degree p + 2 is fitted to a field of order p on all elements that
 share v.  The fit compares like with like: with R the operator that makes fields of functions (`Restriction`), R q_v is
 compared with the field, not q_v.  The polynomials of an element's vertices are blended,
 
@@ -14,7 +14,8 @@ and only the part of b that the order p lacks is added to the field u on the ele
     u* = u + b - R b.
 
 If u = R f for a polynomial f of degree p + 1, then q_v = f and u* = f.  For smooth f, the derivatives of u* have the
-order p + 1, those of u the order p.
+order p + 1, those of u the order p.  Polynomials of degree p + 1 would do for that, but leave a larger error: with the
+part of degree p + 2, they also fit what changes the derivatives of order p + 1 over the patch.
 
 Zienkiewicz and Zhu 1992, The superconvergent patch recovery and a posteriori error estimates (patches of vertices);
 Zhang and Naga 2005, A new finite element gradient recovery method: superconvergence property (polynomials of degree
@@ -41,6 +42,8 @@ from elvis.core.quantities.jumps import jumps
 from elvis.core.resolution.patch_fits import BATCH, EXTRA, TOGETHER, FieldElements, PatchFits, field_elements
 from elvis.core.resolution.stored_precision import DOUBLE, SINGLE, is_single
 
+#: degrees of the polynomials beyond the order of the field
+MORE = 2
 #: rounding that the jumps of a continuous field may add up to
 _JUMPS = 10.0
 
@@ -82,8 +85,8 @@ class _VertexFits(PatchFits):
     """The polynomials q_v around the vertices of a mesh."""
 
     def __init__(self, dataset: Dataset, elements: Sequence[FieldElements], is_continuous: bool) -> None:
-        modes = max(max(own.field[0].modes) for own in elements)
-        super().__init__(elements, len(dataset.mesh.vertices), modes, is_continuous, is_complete=False)
+        order = max(max(own.field[0].modes) for own in elements) - 1
+        super().__init__(elements, len(dataset.mesh.vertices), order + MORE, is_continuous, is_complete=False)
         self._fit_all(self._around())
 
     def enriched(self, own: FieldElements, rows: Ints) -> Floats:
