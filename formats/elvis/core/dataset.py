@@ -156,8 +156,8 @@ class Deformed:
     coordinates   names of the fields that hold the coordinates before the deformation
     told          remarks of the dataset on the deformation
     is_height     whether 2D data became a surface in space, of which the displacement is the height
-    may_jump      whether the displacement may jump between elements, which then come apart or overlap
     folds         whether elements are inverted or folded
+    joined        the mesh before elements were separated where the displacement jumps; None if none were
     """
 
     displacement: tuple[str, ...]
@@ -166,8 +166,8 @@ class Deformed:
     coordinates: tuple[str, ...]
     told: tuple[str, ...] = ()
     is_height: bool = False
-    may_jump: bool = False
     folds: bool = False
+    joined: Mesh | None = None
 
     def __str__(self) -> str:
         where = f"gradients are taken in the {self.gradients} configuration"

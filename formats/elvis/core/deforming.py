@@ -17,7 +17,7 @@ from elvis.core.bounded_cache import bounded_cache
 from elvis.core.dataset import MAP_FIELDS, MAP_KEY, Block, Dataset, Deformed, Expansion, Field
 from elvis.core.deformation import GRADIENTS
 from elvis.core.errors import ElvisError
-from elvis.core.geometry import GeometryBlock, geometry
+from elvis.core.geometry import GeometryBlock, geometry, is_shared, share
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.evaluation import evaluate
@@ -26,6 +26,8 @@ from elvis.core.polynomials.grouping import grouped
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.quantities.tree import AXES
+from elvis.core.resolution.stored_precision import JUMPS, SINGLE, are_single
+from elvis.core.separated_sides import with_separated_sides
 from elvis.core.shapes import Shape
 
 #: names of the fields that hold the coordinates before the deformation
@@ -74,12 +76,31 @@ def deformed(
     maps = [_field(name, axis, blocks) for axis, name in enumerate(map_names)]
     places = [_field(name, axis, before) for axis, name in enumerate(names)]
     kept = [field for field in dataset.fields if field.name not in dataset.map_names]
-    return replace(
+    found = replace(
         dataset,
         fields=(*kept, *maps, *places),
         metadata={**dataset.metadata, MAP_KEY: ",".join(map_names)},
         deformation=Deformed(tuple(own.name for own in displacement), scale, gradients, names),
     )
+    may_jump = any(own.continuous is not True for own in displacement)
+    return _separated(dataset, found, displacement) if may_jump else found
+
+
+def _separated(before: Dataset, after: Dataset, displacement: Sequence[Field]) -> Dataset:
+    """Deformed data whose elements no longer share the sides at which the displacement jumps."""
+    known = after.deformation
+    assert known is not None
+    moves = [block.coefficients for own in displacement for block in own.blocks]
+    largest = max((float(np.abs(own).max(initial=0.0)) for own in moves), default=0.0)
+    stored = [block for own in before.solution for block in own.blocks]
+    is_single = all(are_single(block.expansion, block.coefficients) for block in stored)
+    rounding = JUMPS * SINGLE * abs(known.scale) * largest if is_single else 0.0
+    mesh = with_separated_sides(before, after, rounding)
+    if mesh is after.mesh:
+        return after
+    if is_shared(after.mesh):
+        share(mesh)
+    return replace(after, mesh=mesh, deformation=replace(known, joined=after.mesh))
 
 
 def raised(dataset: Dataset, height: Field, scale: float = 1.0, gradients: str = GRADIENTS[0]) -> Dataset:
@@ -113,7 +134,8 @@ def undeformed(dataset: Dataset) -> Dataset:
     known = dataset.deformation
     if known is None:
         return dataset
-    mesh = replace(dataset.mesh, space=2) if known.is_height else dataset.mesh
+    mesh = known.joined or dataset.mesh
+    mesh = replace(mesh, space=2) if known.is_height else mesh
     names = dataset.map_names[: mesh.space]
     # the fields of the map change places with those of the coordinates before
     places = [replace(dataset.field(own), name=name) for own, name in zip(known.coordinates, names, strict=True)]

@@ -101,6 +101,11 @@ def share(mesh: Mesh) -> None:
     _SHARED.setdefault(mesh, {})
 
 
+def is_shared(mesh: Mesh) -> bool:
+    """Whether `share` was called for a mesh."""
+    return mesh in _SHARED
+
+
 def kept(dataset: Dataset, key: Hashable, make: Callable[[], T]) -> T:
     """A result that depends only on the mapping of a dataset; it is computed once if the mesh is shared.
 

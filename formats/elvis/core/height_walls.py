@@ -7,6 +7,7 @@ the degree of the edges along s and of degree 1 along t.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -30,6 +31,9 @@ def height_walls(dataset: Dataset) -> Dataset | None:
 
     Sides that don't match those of one neighbour, as of refined elements, get no strip.
     """
+    known = dataset.deformation
+    if known is not None and known.joined is not None:
+        dataset = replace(dataset, mesh=known.joined)
     blocks = list(geometry(dataset))
     count = max((mode for block in blocks for mode in block.expansion.modes), default=2)
     nodes = lobatto(max(count, 2))[0]

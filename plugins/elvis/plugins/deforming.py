@@ -75,8 +75,7 @@ def with_deformation(dataset: Dataset, deformation: Deformation, ranks: Ranks = 
     else:
         found = deformed(dataset, components, deformation.scale, deformation.gradients)
     assert found.deformation is not None
-    may_jump = any(own.continuous is not True for own in components)
-    own = replace(found.deformation, displacement=tuple(texts), may_jump=may_jump)
+    own = replace(found.deformation, displacement=tuple(texts))
     faults = tuple(folded(found, ranks).sentences())
     told = (str(own), *_doubts(components), *faults)
     new = tuple(remark for remark in told if remark not in found.remarks)

@@ -7,24 +7,17 @@ If sides don't match, elements on the other side are located by position (`inter
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, frozen_floats
-from elvis.core.bounded_cache import bounded_cache
+from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
-from elvis.core.mapping.orientation import local_vertices
+from elvis.core.mapping.side_traces import SideTraces, lattice, shared_pairs, side_traces
 from elvis.core.patch import Patch, patches
 from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.quantities.interface_jumps import raise_across_interfaces
-from elvis.core.shapes import Shape
-
-#: positions on a side are multiples of 1 over this number
-_PLACES = 1 << 20
-#: a side's points: its row among all sides, the row of the element and the values at the points
-_Seen = tuple[Ints, Ints, Floats]
 
 
 def jumps(dataset: Dataset, name: str, modes: int = 0) -> tuple[Ints, Floats]:
@@ -42,25 +35,23 @@ def jumps(dataset: Dataset, name: str, modes: int = 0) -> tuple[Ints, Floats]:
     starts = np.cumsum([0, *map(len, own)])
     along = max([modes, *(max(patch.fields[0].modes) for patch in own if patch.fields[0])]) + 2
 
-    sides: dict[int, list[_Seen]] = {}
+    # by the number of corners: sides, elements among all, values
+    sides: dict[int, list[tuple[Ints, Ints, Floats]]] = {}
     for start, patch in zip(starts, own, strict=False):
-        for corners, side in _sides(dataset, patch, int(start), along):
-            sides.setdefault(corners, []).append(side)
+        for found in _traces(dataset, patch, along):
+            sides.setdefault(found.corners, []).append((found.side, start + found.element, found.values))
     greatest = np.zeros(len(ids))
     for parts in sides.values():
         side, element, values = zip(*parts, strict=True)
         _meet(np.concatenate(side), np.concatenate(element), np.concatenate(values), greatest)
     if dataset.mesh.dimension > 1:
-        raise_across_interfaces(dataset, own, {count: _lattice(count, along) for count in (2, 3, 4)}, greatest)
+        raise_across_interfaces(dataset, own, {count: lattice(count, along) for count in (2, 3, 4)}, greatest)
     return ids, greatest
 
 
 def _meet(side: Ints, element: Ints, values: Floats, greatest: Floats) -> None:
     """Raise the elements' largest jumps by those on sides that two of them share."""
-    order = np.argsort(side, kind="stable")
-    first, second = order[:-1], order[1:]
-    shared = side[first] == side[second]
-    first, second = first[shared], second[shared]
+    first, second = shared_pairs(side)
     # jumps next to values that are not finite are unknown
     with np.errstate(invalid="ignore"):
         difference = np.abs(values[first] - values[second]).max(axis=1)
@@ -68,50 +59,13 @@ def _meet(side: Ints, element: Ints, values: Floats, greatest: Floats) -> None:
             np.maximum.at(greatest, owner, difference)
 
 
-def _sides(dataset: Dataset, patch: Patch, start: int, along: int) -> Iterator[tuple[int, _Seen]]:
-    """The sides of a patch's elements, which count from ``start``, each with its number of corners."""
-    mesh, shape = dataset.mesh, patch.shape
+def _traces(dataset: Dataset, patch: Patch, along: int) -> Iterator[SideTraces]:
+    """The values of a patch's field on the sides of its elements."""
     expansion, coefficients = patch.fields[0], patch.coefficients[0]
     assert expansion is not None
     assert coefficients is not None
-    entities = mesh.of(shape)
-    rows = entities.rows_of(patch.element_ids)
-    vertices, members = local_vertices(mesh, shape)[rows], entities.members[rows]
-    for number, local in enumerate(_local_sides(shape)):
-        turns = _turns(vertices[:, local])
-        for turn in np.unique(turns, axis=0):
-            here = np.flatnonzero((turns == turn).all(axis=1))
-            points = _lattice(len(local), along) @ shape.vertices[np.array(local)[turn]]
-            found = evaluate(expansion, coefficients[here], points)
-            yield len(local), (members[here, number], start + here, found)
 
+    def values_at(rows: Ints, points: Floats) -> Floats:
+        return evaluate(expansion, coefficients[rows], points)
 
-def _local_sides(shape: Shape) -> Sequence[tuple[int, ...]]:
-    """Local vertices of each side, in the order of the mesh's members."""
-    return {1: ((0,), (1,)), 2: shape.edges, 3: shape.faces}[shape.dimension]
-
-
-def _turns(vertices: Ints) -> Ints:
-    """(n, k) the order in which vertices (n, k) of sides are taken: from the lowest on, towards its lower neighbour."""
-    if vertices.shape[1] < 4:
-        return np.argsort(vertices, axis=1)
-    first = vertices.argmin(axis=1)[:, None]
-    around = np.take_along_axis(vertices, (first + np.array([1, 3])) % 4, axis=1)
-    way = np.where(around[:, :1] < around[:, 1:], 1, -1)
-    return np.asarray((first + way * np.arange(4)) % 4)
-
-
-@bounded_cache
-def _lattice(corners: int, along: int) -> Floats:
-    """(n, corners) weights of a side's vertices at the points of a lattice."""
-    if corners == 1:
-        return frozen_floats([[1.0]])
-    # products of such places are exact, so that points on quadrilaterals form a lattice to the last digit (`lattices`)
-    t = np.round(np.linspace(0.0, 1.0, along) * _PLACES) / _PLACES
-    if corners == 2:
-        return frozen_floats(np.stack([1 - t, t], axis=1))
-    a, b = (part.reshape(-1) for part in np.meshgrid(t, t))
-    if corners == 3:
-        inside = a + b <= 1 + 1e-12
-        return frozen_floats(np.stack([1 - a - b, a, b], axis=1)[inside])
-    return frozen_floats(np.stack([(1 - a) * (1 - b), a * (1 - b), a * b, (1 - a) * b], axis=1))
+    return side_traces(dataset.mesh, patch.shape, patch.element_ids, along, values_at)

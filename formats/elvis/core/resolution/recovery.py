@@ -40,12 +40,10 @@ from elvis.core.polynomials.expansion import values
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.quantities.jumps import jumps
 from elvis.core.resolution.patch_fits import BATCH, EXTRA, TOGETHER, FieldElements, PatchFits, field_elements
-from elvis.core.resolution.stored_precision import DOUBLE, SINGLE, is_single
+from elvis.core.resolution.stored_precision import DOUBLE, JUMPS, SINGLE, is_single
 
 #: degrees of the polynomials beyond the order of the field
 MORE = 2
-#: rounding that the jumps of a continuous field may add up to
-_JUMPS = 10.0
 
 
 def enriched(dataset: Dataset, name: str) -> Field:
@@ -78,7 +76,7 @@ def is_continuous(dataset: Dataset, name: str) -> bool:
     rounding = SINGLE if all(map(is_single, held)) else DOUBLE
     size = max((np.abs(np.nan_to_num(block.coefficients)).max(initial=0.0) for block in field.blocks), default=0.0)
     _, jump = jumps(dataset, name)
-    return bool(np.nanmax(jump, initial=0.0) <= _JUMPS * rounding * size)
+    return bool(np.nanmax(jump, initial=0.0) <= JUMPS * rounding * size)
 
 
 class _VertexFits(PatchFits):

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from elvis.core.arrays import Floats
+from elvis.core.dataset import Expansion
 from elvis.core.patch import Patch
 from elvis.core.polynomials.evaluation import evaluate
 
 #: rounding of coefficients, relative to the largest root mean square on an element: of double and single precision
 DOUBLE, SINGLE = 1e-12, 2.5e-7
+#: rounding that the jumps of a continuous field may add up to
+JUMPS = 10.0
 #: share by which a single precision number may be off after a change of basis in double precision
 _CHANGED = 1e-13
 #: elements whose values at vertices tell the precision
@@ -20,7 +24,12 @@ def is_single(patch: Patch) -> bool:
     expansion, coefficients = patch.fields[0], patch.coefficients[0]
     assert expansion is not None
     assert coefficients is not None
-    values = evaluate(expansion, coefficients[:_TOLD_BY], patch.shape.vertices)
+    return are_single(expansion, coefficients)
+
+
+def are_single(expansion: Expansion, coefficients: Floats) -> bool:
+    """Whether coefficients (n, m) were written in single precision, by values at vertices of some elements."""
+    values = evaluate(expansion, coefficients[:_TOLD_BY], expansion.shape.vertices)
     # values that are too large for single precision become infinite, and differ
     with np.errstate(over="ignore", invalid="ignore"):
         rounded = values.astype(np.float32).astype(np.float64)

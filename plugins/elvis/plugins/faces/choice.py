@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from elvis.core.dataset import Dataset
@@ -11,7 +9,6 @@ from elvis.core.errors import ElvisError
 from elvis.plugins.faces.dataset_faces import native_faces
 from elvis.plugins.faces.derived import derived_faces
 from elvis.plugins.faces.faces import Faces
-from elvis.plugins.faces.gaps import gap_faces
 from elvis.plugins.faces.lines import line_faces
 from elvis.plugins.host_evaluation import host_evaluations
 from elvis.plugins.volume import Volume
@@ -29,9 +26,7 @@ def faces_of(dataset: Dataset | None, volume: Volume) -> Faces:
         length = float(periods[0][0]) if extruded and periods else None
         if dataset.mesh.dimension == 1:
             return line_faces(dataset, volume)
-        found = native_faces(dataset, [part.element_ids for part in volume.parts], length)
-        is_broken = dataset.deformation is not None and dataset.deformation.may_jump
-        return replace(found, gaps=gap_faces(found.blocks)) if is_broken else found
+        return native_faces(dataset, [part.element_ids for part in volume.parts], length)
     give = getattr(volume, "faces", None)
     if give is None:
         hosts = host_evaluations(volume)

@@ -49,7 +49,6 @@ class Faces:
     boundaries  name or id of a boundary -> numbers of faces (entities)
     regions     name or id of a set of elements -> their ids
     inner       numbers of faces that are inner ones though their other side may not be here: of a part of the data
-    gaps        numbers of faces whose two sides lie apart, so that both are outer ones
     """
 
     blocks: Sequence[FaceBlock]
@@ -57,7 +56,6 @@ class Faces:
     boundaries: Mapping[str, Ints] = field(default_factory=dict)
     regions: Mapping[str, Ints] = field(default_factory=dict)
     inner: Ints = field(default_factory=lambda: np.empty(0, np.int64))
-    gaps: Ints = field(default_factory=lambda: np.empty(0, np.int64))
 
     def select(self, words: Sequence[str]) -> tuple[Ints, ...]:
         """For each block the rows of the faces that any of the words names, ascending.
@@ -120,5 +118,4 @@ class Faces:
         """Number (entities,) of element faces on each face of the mesh, including faces that are not here."""
         counts = np.bincount(np.concatenate([block.entity for block in self.blocks]))
         counts[self.inner[self.inner < len(counts)]] = 2
-        counts[self.gaps] = 1
         return counts
