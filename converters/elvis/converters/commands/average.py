@@ -170,6 +170,7 @@ def _write_wall(series: Series, wall: str, over: str, output: Path, is_alone: bo
 @click.option("--covariances", is_flag=True, help="Also write the covariances u_u, u_v, … of all pairs of fields.")
 @click.option(
     "--extrema",
+    "--extremes",
     is_flag=True,
     help="Also write the minimum and maximum over the steps, u_min and u_max, and their times, u_min_time and "
     "u_max_time; error bounds are printed.",
