@@ -10,8 +10,9 @@ from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression_nets import places_of
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple
+from elvis.core.triangles.distance_bounds import grown
 from elvis.core.triangles.interpolation_errors import interpolation_errors
-from elvis.core.triangles.level_cells import _CellNets, _in_cell, grown
+from elvis.core.triangles.level_cells import _CellNets, _in_cell
 
 
 def errors(text, shape, degree):

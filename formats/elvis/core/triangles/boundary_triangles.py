@@ -21,7 +21,8 @@ from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.expression_nets import lattice_of, places_of
 from elvis.core.streamlines.walls import outward
-from elvis.core.triangles.level_cells import first_halvings, grown, middle_gradient, second_derivatives
+from elvis.core.triangles.distance_bounds import grown, middle_gradient, second_derivatives
+from elvis.core.triangles.level_cells import first_halvings
 from elvis.core.triangles.surface_triangles import SurfaceTriangles, default_tolerance
 from elvis.core.wall_curves.chains import places_by_number
 

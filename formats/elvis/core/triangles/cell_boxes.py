@@ -12,7 +12,8 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.errors import ElvisError
 from elvis.core.mapping.orientation import chunks
 from elvis.core.shapes import Shape
-from elvis.core.triangles.level_cells import CellBlock, distance_bounds
+from elvis.core.triangles.distance_bounds import distance_bounds
+from elvis.core.triangles.level_cells import CellBlock
 
 #: halvings over which numbers of boxes without a bound are compared, and the ratios that they have at points or lines
 _LEVELS_ALIKE, _LEAST_RATIO, _MOST_RATIO = 4, 0.6, 2.5

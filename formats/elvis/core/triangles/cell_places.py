@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -21,6 +21,8 @@ from elvis.core.wall_curves.chains import places_by_number
 _AT_ONCE = 1 << 15
 #: tolerance for values in elements that share a corner to count as one, relative to the largest
 SAME_VALUE = 1e-9
+#: Newton steps to a place in a small box
+_NEWTON = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +88,17 @@ class Cells:
                 found[column, here] = own
         return found
 
+    def located(self, near: CellPlaces, goals: Floats) -> CellPlaces:
+        """Places of positions (n, 3) in the cells of nearby places, by Newton's method; they may lie outside."""
+        found = near
+        for _ in range(_NEWTON):
+            step = np.empty((len(near), 3))
+            for here, points, columns in self.points(found):
+                away = goals[here] - points.positions
+                step[here] = np.linalg.solve(points.jacobians @ columns, away[..., None])[..., 0]
+            found = replace(found, place=found.place + step)
+        return found
+
     def orientations(self, places: CellPlaces) -> Floats:
         """(n,) determinants of the map from the cell to the world."""
         found = np.empty(len(places))
@@ -98,18 +111,18 @@ class Cells:
 class Marched:
     """Triangles in boxes, with their corners on the surface.
 
-    nodes      (n,) corners of triangles
+    nodes      (n,) corners of triangles, each in one of the cells that hold it
     triangles  (m, 3) rows of these; lines (m, 2) in 2D
-    corners    nodes of boxes
-    numbers    (m, d, 2) the nodes of the box of each triangle between which each of its corners lies
-    shares     (m, d) where it lies between the two
+    group      (m,) groups of boxes that hold the triangles
+    row        (m,) rows of their patches
+    places     (m, d, d) corners of triangles in their own cells
     """
 
     nodes: CellPlaces
     triangles: Ints
-    corners: CellPlaces
-    numbers: Ints
-    shares: Floats
+    group: Ints
+    row: Ints
+    places: Floats
 
 
 def shared_numbers(points: Floats, values: Floats, scale: float) -> Ints:

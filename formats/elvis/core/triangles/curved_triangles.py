@@ -8,7 +8,7 @@ stay in the face of the element that they lie on.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,8 +18,9 @@ from elvis.core.errors import ElvisError
 from elvis.core.quantities.expression import Expression
 from elvis.core.triangles.cell_places import CellPlaces, Cells, Marched
 from elvis.core.triangles.level_cells import cell_blocks
+from elvis.core.triangles.outlines import outer_faces
 from elvis.core.triangles.surface_triangles import default_tolerance
-from elvis.core.triangles.triangulation import cells_within, march, prepared
+from elvis.core.triangles.triangulation import cells_within, march, prepared, without_gaps
 
 #: orders of triangles
 ORDERS = (2, 10)
@@ -27,8 +28,10 @@ ORDERS = (2, 10)
 _STEPS, _FIRST, _STILL = 40, 1e-3, 1e-15
 #: refinements at most, and by how much the tolerance of flat triangles falls with each
 _REFINEMENTS, _FINER = 6, 4.0
-#: step of differences of q in a cell, and Newton steps to the places of points of curved triangles
-_STEP, _NEWTON = 1e-5, 4
+#: Gauss-Newton steps to a point of a face
+_STEPS_ON_FACE = 3
+#: step of differences of q in a cell
+_STEP = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +41,7 @@ class CurvedTriangles:
     points    (m, k, 3) nodes
     values    (m, k) of quantities there, by their texts
     weights   (k, 3) barycentric coordinates of the nodes
-    distance  from the surface, an estimate from points between the nodes
+    distance  from the surface, and of outlines from those of the surface, an estimate from points between the nodes
     """
 
     points: Floats
@@ -59,13 +62,15 @@ def curved_triangles(
         raise ElvisError(f"--order: expected an order from {low} to {high}, found {order}")
     wanted = default_tolerance(dataset, tolerance)
     level, _, evaluator = prepared(dataset, surface, quantities)
-    blocks = list(cell_blocks(evaluator, level))
+    blocks = list(cell_blocks(evaluator, level, outer_faces(dataset, evaluator.patches)))
     size = float(np.ptp(dataset.mesh.vertices, axis=0).max())
     # a polynomial of order p deviates in the power p + 1 of its size, a flat triangle in the square
     flat = size * min(0.1, (wanted / size) ** (2 / (order + 1)))
     for _ in range(_REFINEMENTS):
         cells = cells_within(evaluator, blocks, flat)
-        nodes = _Nodes(cells, level, march(cells, level, surface), order)
+        marched = march(cells, level, surface)
+        marched, _ = without_gaps(cells, marched, cells.positions(marched.nodes))
+        nodes = _Nodes(cells, level, marched, order)
         distance = nodes.distance()
         if distance <= wanted:
             break
@@ -115,6 +120,8 @@ class _Nodes:
         inside = start + np.arange(count * inner).reshape(count, inner)
         self.own: Ints = np.concatenate([marched.triangles, row.reshape(count, -1), inside], axis=1)
 
+        # sides at which the surface ends
+        self._ends = first[uses == 1]
         own_sides = self._side_nodes(first // 3, first % 3, on_side, uses == 1)
         own_inner = self._inner_nodes(self.weights[len(self.weights) - inner :])
         parts = [marched.nodes, own_sides, own_inner]
@@ -123,24 +130,24 @@ class _Nodes:
 
     def _corners(self, rows: Ints) -> tuple[CellPlaces, Floats]:
         """The cells of triangles, and places (k, 3, 3) of their corners in these."""
-        ends = self.marched.corners.place[self.marched.numbers[rows]]
-        share = self.marched.shares[rows][..., None]
-        found = ends[:, :, 0] + share * (ends[:, :, 1] - ends[:, :, 0])
-        return self.marched.corners.take(self.marched.numbers[rows, 0, 0]), found
+        own = self.marched
+        return CellPlaces(own.group[rows], own.row[rows], own.places[rows, 0]), own.places[rows]
 
     def _side_nodes(self, rows: Ints, side: Ints, count: int, is_border: Bools) -> CellPlaces:
         """Nodes along sides of triangles ``rows``; those of borders move within faces of cells."""
-        cells, corners = self._corners(rows)
-        every = np.arange(len(rows))
-        pair = np.stack([side, (side + 1) % 3], axis=1)
         weights = np.arange(1, count + 1) / (count + 1)
-        begin, end = (corners[every, pair[:, k]][:, None] for k in (0, 1))
-        places = begin + weights[:, None] * (end - begin)
+        cells, places, is_on_face = self._along(rows, side, weights)
+        return self._moved(cells, places, is_border[:, None] & is_on_face)
 
-        # coordinates of cells that don't change along sides of the border on their faces
-        ends = self.marched.corners.place[self.marched.numbers[rows[:, None], pair]].reshape(-1, 4, 3)
-        is_fixed = is_border[:, None] & ((ends == 0).all(axis=1) | (ends == 1).all(axis=1))
-        return self._moved(cells, places, is_fixed)
+    def _along(self, rows: Ints, side: Ints, weights: Floats) -> tuple[CellPlaces, Floats, Bools]:
+        """The cells of triangles ``rows`` (n,), and places (n, k, 3) along their sides with weights (k,) of the end.
+
+        Also which coordinates (n, 3) of cells are 0 or 1 along these, as the sides lie on faces of cells.
+        """
+        cells, corners = self._corners(rows)
+        ends = corners[np.arange(len(rows))[:, None], np.stack([side, (side + 1) % 3], axis=1)]
+        places = ends[:, :1] + weights[:, None] * (ends[:, 1:] - ends[:, :1])
+        return cells, places, (ends == 0).all(axis=1) | (ends == 1).all(axis=1)
 
     def _inner_nodes(self, weights: Floats) -> CellPlaces:
         """Nodes inside all triangles."""
@@ -196,7 +203,7 @@ class _Nodes:
         return jacobians, np.linalg.solve(np.swapaxes(jacobians, 1, 2), slopes[..., None])[..., 0]
 
     def distance(self) -> float:
-        """The largest distance from the surface at points between the nodes, to first order."""
+        """The largest distance of triangles and outlines from the exact ones, between nodes, to first order."""
         order = round(1 / self.weights[self.weights > 0].min())
         points = lattice_weights(order + 1)
         basis = _lagrange(self.weights, points)
@@ -205,17 +212,52 @@ class _Nodes:
         guess = np.einsum("qc,mcx->mqx", points, corners).reshape(-1, 3)
         count = len(points)
         places = CellPlaces(np.repeat(cells.group, count), np.repeat(cells.row, count), guess)
-        return self._largest(places, goals)
+        return max(self._largest(places, goals), self._outline_distance(order))
+
+    def _outline_distance(self, order: int) -> float:
+        """The largest distance of sides at which the surface ends from its curves on faces of cells."""
+        weights = np.arange(1, 2 * order + 2) / (2 * order + 2)
+        rows, side = self._ends // 3, self._ends % 3
+        cells, guess, is_fixed = self._along(rows, side, weights)
+        goals = np.empty_like(guess)
+        for slot in range(3):
+            here = side == slot
+            start, stop = np.eye(3)[[slot, (slot + 1) % 3]]
+            basis = _lagrange(self.weights, start + weights[:, None] * (stop - start))
+            goals[here] = np.einsum("qk,mkx->mqx", basis, self.positions[self.own[rows[here]]])
+
+        is_on_face = is_fixed.any(axis=1)
+        if not is_on_face.any():
+            return 0.0
+        count = len(weights)
+        group, row = (np.repeat(own[is_on_face], count) for own in (cells.group, cells.row))
+        places = CellPlaces(group, row, guess[is_on_face].reshape(-1, 3))
+        return self._off_curve(places, goals[is_on_face].reshape(-1, 3), np.repeat(is_fixed[is_on_face], count, axis=0))
+
+    def _off_curve(self, places: CellPlaces, goals: Floats, is_fixed: Bools) -> float:
+        """The largest distance of positions (n, 3) from the curves q = 0 on faces of cells, near places on these.
+
+        Gauss-Newton steps lead to the nearest points of the faces; from there it is |q| / |gradient| along the face.
+        """
+        for _ in range(_STEPS_ON_FACE):
+            away, tangents, _ = self._at_face(places, goals, is_fixed)
+            step = (np.linalg.pinv(tangents) @ away[..., None])[..., 0]
+            places = replace(places, place=places.place + step)
+        away, tangents, gradient = self._at_face(places, goals, is_fixed)
+        along = tangents @ np.linalg.pinv(tangents) @ gradient[..., None]
+        with np.errstate(all="ignore"):
+            far = np.abs(self._at(places, places.place)) / np.linalg.norm(along[..., 0], axis=1)
+        return float(np.nanmax(np.hypot(np.linalg.norm(away, axis=1), far), initial=0.0))
+
+    def _at_face(self, places: CellPlaces, goals: Floats, is_fixed: Bools) -> tuple[Floats, Floats, Floats]:
+        """The ways (n, 3) to positions, the tangents of faces as columns (n, 3, 3), and gradients (n, 3) of q."""
+        jacobians, gradients = self._gradients(places)
+        tangents = np.where(is_fixed[:, None, :], 0.0, jacobians)
+        return goals - self.cells.positions(places), tangents, gradients
 
     def _largest(self, places: CellPlaces, goals: Floats) -> float:
         """The largest |q| / |grad q| at positions (n, 3) near places in cells."""
-        found = places
-        for _ in range(_NEWTON):
-            step = np.empty((len(places), 3))
-            for here, points, columns in self.cells.points(found):
-                away = goals[here] - points.positions
-                step[here] = np.linalg.solve(points.jacobians @ columns, away[..., None])[..., 0]
-            found = CellPlaces(found.group, found.row, found.place + step)
+        found = self.cells.located(places, goals)
         values = self._at(found, found.place)
         with np.errstate(all="ignore"):
             far = np.abs(values) / np.linalg.norm(self._gradients(found)[1], axis=1)

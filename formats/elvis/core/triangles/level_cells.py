@@ -15,20 +15,21 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.arrays import Bools, Floats, Ints, frozen_ints
 from elvis.core.errors import ElvisError
 from elvis.core.integrals.reference_cells import Piece
-from elvis.core.integrals.subcells import corners, subcell_map
+from elvis.core.integrals.subcells import corners, subcell_map, subcell_points
 from elvis.core.mapping.orientation import chunks
 from elvis.core.patch import Patch
-from elvis.core.polynomials.bernstein import bernstein_space, line_tables
-from elvis.core.polynomials.boxnets import box_degrees, difference, halves, nets_through
+from elvis.core.polynomials.bernstein import bernstein_space
+from elvis.core.polynomials.boxnets import box_degrees, halves, nets_through
 from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.quantities.element_points import Lattice
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.expression_nets import NetsOf, degree_on, lattice_of, places_of
 from elvis.core.shapes import Shape
+from elvis.core.streamlines.neighbours import Sides
 from elvis.core.triangles.interpolation_errors import interpolation_errors
 
 #: elements whose nets are held at a time, by the numbers in these
@@ -41,10 +42,12 @@ _NEGLIGIBLE = 1e-5
 _HIGHER = (0, 4, 8)
 #: values below this share of the largest one are rounding
 _ROUNDING = 1e-13
-#: second derivatives that count as rounding, relative to their terms
-_FLAT = 1e-12
 #: elements of a block at most
 _ELEMENTS = 128
+#: height over a face, of its element's, below which corners of cells are on it
+_ON_FACE = 1e-9
+#: arrays of a block with a row for each box
+_BY_BOX = ("rows", "index", "levels", "maps", "slack", "outlines")
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +62,7 @@ class CellBlock:
     levels  (n, D, …, D) nets of q
     maps    (n, d, M, …, M) nets of the map
     slack   (n,) how far q may be from its polynomial at most
+    outlines  (n, d, 2) which faces of boxes, by axis and end, are on faces of elements at which triangles end
     is_exact  whether q is within that of its polynomial, and the map is its polynomial
     noise   magnitude of q up to which it counts as zero
     """
@@ -72,24 +76,25 @@ class CellBlock:
     levels: Floats
     maps: Floats
     slack: Floats
+    outlines: Bools
     is_exact: bool
     noise: float
 
     def take(self, chosen: Ints | Bools | slice) -> CellBlock:
         """Some of the boxes."""
-        own = {name: getattr(self, name)[chosen] for name in ("rows", "index", "levels", "maps", "slack")}
+        own = {name: getattr(self, name)[chosen] for name in _BY_BOX}
         return replace(self, **own)
 
     @staticmethod
     def joined(parts: Sequence[CellBlock]) -> CellBlock:
         """The boxes of several blocks of the same cells."""
-        names = ("rows", "index", "levels", "maps", "slack")
-        own: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+        own: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _BY_BOX}
         return replace(parts[0], **own)
 
     def halved(self, axes: Sequence[int] | None = None) -> CellBlock:
         """The halves of each box in some directions, by default in all, that may have a zero."""
         rows, index, levels, maps, slack = self.rows, self.index, self.levels, self.maps, self.slack
+        outlines = self.outlines
         d = index.shape[1]
         for axis in range(d) if axes is None else axes:
             step = np.eye(d, dtype=np.int64)[axis]
@@ -97,8 +102,12 @@ class CellBlock:
             rows, slack = np.tile(rows, 2), np.tile(slack, 2)
             index = np.concatenate([grown, grown + step])
             levels, maps = np.concatenate(halves(levels, axis)), np.concatenate(halves(maps, 1 + axis))
-        near = ~_has_one_sign(levels, slack, self.noise)
-        whole = replace(self, rows=rows, index=index, levels=levels, maps=maps, slack=slack)
+            # each half has one end of the box
+            low, high = outlines.copy(), outlines.copy()
+            low[:, axis, 1] = high[:, axis, 0] = False
+            outlines = np.concatenate([low, high])
+        near = ~has_one_sign(levels, slack, self.noise)
+        whole = replace(self, rows=rows, index=index, levels=levels, maps=maps, slack=slack, outlines=outlines)
         return whole.take(near)
 
 
@@ -113,14 +122,34 @@ def first_halvings(shape: Shape, is_mixed: bool) -> tuple[int, ...]:
     return (int(is_mixed and len(corners(shape)) == 1),) * shape.dimension
 
 
-def cell_blocks(evaluator: Evaluator, level: Expression) -> Iterator[CellBlock]:
+@cache
+def faces_of_cells(shape: Shape) -> Ints:
+    """(cells, 3, 2) the face of an element that a face of a cell, by axis and end, is part of; -1 inside."""
+    found = np.full((len(corners(shape)), 3, 2), -1)
+    sides = Sides.of(shape)
+    for cell, axis, end in np.ndindex(found.shape):
+        places = np.array(np.meshgrid(*[[0.0, 1.0]] * 3, indexing="ij")).reshape(3, -1).T
+        points = subcell_points(shape, cell, places[places[:, axis] == end])
+        heights = np.abs(points @ sides.normals.T + sides.offsets).max(axis=0)
+        # the tip of a pyramid is a face of its cell, but none of the element
+        if np.ptp(points, axis=0).any() and heights.min() < _ON_FACE:
+            found[cell, axis, end] = heights.argmin()
+    return frozen_ints(found)
+
+
+def cell_blocks(
+    evaluator: Evaluator, level: Expression, outlines: Sequence[Bools] | None = None
+) -> Iterator[CellBlock]:
     """The cells of all elements in which q = 0 is not excluded at once.
+
+    outlines  by patch: (n, faces) at which faces of elements triangles end, in 3D
 
     Raises ElvisError if q is not finite somewhere.
     """
     is_mixed = len({patch.shape for patch in evaluator.patches}) > 1
     noise = _noise(evaluator, level)
     for number, patch in enumerate(evaluator.patches):
+        ends = None if outlines is None else outlines[number]
         for rows, is_affine in _by_map(patch):
             degree = degree_on(level, evaluator, patch, is_affine)
             least = min(max(_DEGREE_OF_OTHERS, _highest(patch)), 2 * _DEGREE_OF_OTHERS)
@@ -129,7 +158,7 @@ def cell_blocks(evaluator: Evaluator, level: Expression) -> Iterator[CellBlock]:
             d = patch.shape.dimension
             numbers = (degrees[-1] + 1) ** d + d * (_map_degree(patch) + 1) ** d
             for some in chunks(len(rows), max(1, _NUMBERS // numbers)):
-                for block in _blocks_of(nets, number, rows[some], noise):
+                for block in _blocks_of(nets, number, rows[some], noise, ends):
                     splits = first_halvings(patch.shape, is_mixed)
                     yield replace(block, splits=splits).halved([axis for axis in range(d) if splits[axis]])
 
@@ -210,19 +239,23 @@ class _CellNets:
         return found
 
 
-def _blocks_of(nets: _CellNets, number: int, rows: Ints, noise: float) -> Iterator[CellBlock]:
-    """The cells of some elements of a patch."""
+def _blocks_of(nets: _CellNets, number: int, rows: Ints, noise: float, outlines: Bools | None) -> Iterator[CellBlock]:
+    """The cells of some elements of a patch; triangles end at some faces (elements of the patch, faces)."""
     patch = nets.patch
     map_places = places_of(_map_degree(patch))
     for cell in range(len(corners(patch.shape))):
         levels, slack, is_bounded = nets.on(rows, cell)
-        near = ~_has_one_sign(levels, slack, noise)
+        near = ~has_one_sign(levels, slack, noise)
         lattice = _in_cell(patch.shape, cell, map_places)
         world = evaluate(patch.geometry, patch.geometry_coefficients[rows[near]], lattice)
         count, d = len(map_places), patch.shape.dimension
         maps = nets_through(world[:, :d].reshape(-1, count**d), map_places, d).reshape(-1, d, *(count,) * d)
         start = np.zeros((int(near.sum()), d), np.int64)
-        own = rows[near], start, levels[near], maps, slack[near], is_bounded
+        ends = np.zeros((len(start), d, 2), bool)
+        if outlines is not None:
+            faces = faces_of_cells(patch.shape)[cell]
+            ends = (faces >= 0) & outlines[rows[near]][:, faces]
+        own = rows[near], start, levels[near], maps, slack[near], ends, is_bounded
         whole = CellBlock(number, patch.shape, cell, (0,) * d, *own, noise)
         yield from (whole.take(some) for some in chunks(len(whole.rows), _ELEMENTS))
 
@@ -233,123 +266,8 @@ def _in_cell(shape: Shape, cell: int, places: Floats) -> Floats:
     return subcell_map(shape, np.full(len(lattice), cell), lattice)[0]
 
 
-def _has_one_sign(nets: Floats, slack: Floats, noise: float) -> Bools:
+def has_one_sign(nets: Floats, slack: Floats, noise: float) -> Bools:
     """(n,) whether nets exclude a zero of functions that are within ``slack`` (n,) of them, and values of noise."""
     flat = nets.reshape(len(nets), nets[0].size if len(nets) else 1)
     band = np.maximum(np.maximum(_ROUNDING * np.abs(flat).max(axis=1), slack), noise)
     return np.asarray((flat.min(axis=1) > band) | (flat.max(axis=1) < -band))
-
-
-def distance_bounds(block: CellBlock) -> tuple[Floats, Bools]:
-    """(n,) maximum distance from the surface of triangles whose corners are zeros on edges in each box.
-
-    Also whether slopes have bounds in boxes, so that distances fall with their size.
-
-    With the world gradient G at the centre of the box, q = G . x + r, and the gradient of r vanishes there.  A flat
-    triangle, whose corners are zeros, satisfies q(X) = r(X) - sum l_k r_k at a point X = sum l_k x_k.  Second
-    derivatives bound that: on a simplex of extents e, sum_k l_k |v_k - p|_i |v_k - p|_j <= e_i e_j / 4.  X itself
-    differs from the place of these weights by the curvature of the map.  The increase of q along G is at least |G|,
-    minus the effect of r.
-    """
-    flat = block.maps.reshape(*block.maps.shape[:2], -1)
-    diagonal = np.linalg.norm(np.ptp(flat, axis=2), axis=1)
-    found = _bounds(block)
-    return np.fmin(found, diagonal), np.isfinite(found)
-
-
-def _bounds(block: CellBlock) -> Floats:
-    """(n,) see `distance_bounds`; infinite if the slope along the gradient may vanish."""
-    axes = range(block.maps.shape[1])
-    jacobian = np.stack([middle_gradient(block.maps[:, axis]) for axis in axes], axis=1)
-    with np.errstate(all="ignore"):
-        inverse = np.nan_to_num(_inverses(jacobian), posinf=0, neginf=0)
-    gradient = np.einsum("nic,ni->nc", inverse, middle_gradient(block.levels))
-    linear = np.einsum("nc,nc...->n...", gradient, block.maps)
-    bends = second_derivatives(difference(block.levels, linear))
-    size = _largest(linear) + _largest(block.levels)
-    bends[bends <= _FLAT * size[:, None, None]] = 0.0
-
-    # the map with the unit matrix for its derivative in the middle
-    upright = np.einsum("ndc,nc...->nd...", inverse, block.maps)
-    map_bends = np.stack([second_derivatives(upright[:, axis]) for axis in axes], axis=1)
-    is_flat = ~bends.any(axis=(1, 2)) & (block.slack == 0)
-    return np.where(is_flat, 0.0, _bound(inverse, gradient, bends, map_bends, block.slack))
-
-
-def _bound(inverse: Floats, gradient: Floats, bends: Floats, map_bends: Floats, slack: Floats) -> Floats:
-    """(n,) see `distance_bounds`.
-
-    inverse    (n, d, d) Jacobians in the middle
-    bends      (n, d, d) bounds of second derivatives of r
-    map_bends  (n, d, d, d) the same of each component of the map with a unit Jacobian in the middle
-    slack      (n,) how far q is from its polynomial at most: at the corners of triangles, and where q changes its sign
-    """
-    # the Jacobian differs from the unit matrix by at most `turn`, its inverse by turn / (1 - turn), in the row sum norm
-    turn = map_bends.sum(axis=(2, 3)).max(axis=1) / 2
-    with np.errstate(all="ignore"):
-        more = np.where(turn < 1, turn / (1 - turn), np.inf)
-        slope = np.linalg.norm(gradient, axis=1)
-        steepness = bends.sum(axis=2) / 2
-        step = grown(np.abs(np.einsum("nic,nc->ni", inverse, gradient)) / slope[:, None], more)
-        least = slope - (steepness * step).sum(axis=1)
-        products = _products(gradient.shape[1]) / 8
-        shift = grown(np.einsum("ncij,kij->knc", map_bends, products).max(axis=0), more)
-        error = np.einsum("nij,kij->kn", bends, products).max(axis=0) + (steepness * shift).sum(axis=1)
-        return np.where((turn < 1) & (least > 0), (error + 2 * slack) / least, np.inf)
-
-
-def _largest(nets: Floats) -> Floats:
-    """(n,) largest magnitudes in nets (n, …)."""
-    return np.asarray(np.abs(nets).reshape(len(nets), -1).max(axis=1))
-
-
-@cache
-def _products(dimension: int) -> Floats:
-    """(d, d, d) products of the extents of tetrahedra in a box: those of the box but for one, which is half of it."""
-    extents = 1 - np.eye(dimension) / 2
-    return frozen_floats(extents[:, :, None] * extents[:, None, :])
-
-
-def grown(vectors: Floats, more: Floats) -> Floats:
-    """Magnitudes (n, d) that a matrix enlarges by a share ``more`` (n,) of the largest."""
-    return np.asarray(vectors + (more * vectors.max(axis=1))[:, None])
-
-
-def _inverses(matrices: Floats) -> Floats:
-    """(n, d, d) inverses by cofactors, of two or three dimensions; not finite where there are none."""
-    if matrices.shape[1] == 2:
-        (a, b), (c, d) = matrices.transpose(1, 2, 0)
-        cofactors = np.stack([np.stack([d, -b]), np.stack([-c, a])])
-        return np.asarray((cofactors / (a * d - b * c)).transpose(2, 0, 1))
-    a, b, c = matrices[:, :, 0], matrices[:, :, 1], matrices[:, :, 2]
-    rows = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
-    return np.asarray(rows / np.einsum("ni,ni->n", a, rows[:, 0])[:, None, None])
-
-
-def middle_gradient(nets: Floats) -> Floats:
-    """(n, d) derivatives of nets (n, D1, …, Dd) in the middle of their boxes."""
-    d = nets.ndim - 1
-    tables = [line_tables(size - 1, np.array([0.5]), 1)[:, 0] for size in nets.shape[1:]]
-    found = np.empty((len(nets), d))
-    for axis in range(d):
-        own = nets
-        for other in range(d):
-            own = np.einsum("ni...,i->n...", own, tables[other][int(other == axis)])
-        found[:, axis] = own
-    return found
-
-
-def second_derivatives(nets: Floats) -> Floats:
-    """(n, d, d) bounds of the second derivatives of nets (n, D1, …, Dd) on their boxes."""
-    d = nets.ndim - 1
-    found = np.zeros((len(nets), d, d))
-    for i in range(d):
-        once = nets.shape[1 + i] - 1
-        slopes = np.diff(nets, axis=1 + i)
-        for j in range(i, d):
-            again = slopes.shape[1 + j] - 1
-            if once and again > 0:
-                twice = np.diff(slopes, axis=1 + j).reshape(len(nets), -1)
-                largest = np.maximum(twice.max(axis=1), -twice.min(axis=1))
-                found[:, i, j] = found[:, j, i] = once * again * largest
-    return found

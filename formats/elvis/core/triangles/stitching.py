@@ -18,7 +18,8 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.integrals.subcells import subcell_points
 from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.shapes import Shape
-from elvis.core.triangles.cell_places import Cells, Marched
+from elvis.core.triangles.cell_places import CellPlaces, Cells, Marched
+from elvis.core.triangles.outlines import open_sides
 from elvis.core.wall_curves.chains import places_by_number
 
 #: height over a face, in reference coordinates, up to which points are on it
@@ -59,8 +60,8 @@ class _Seams:
     offset: float = 0.0
 
 
-def stitched(cells: Cells, marched: Marched, positions: Floats) -> tuple[Ints, float]:
-    """The triangles (m, 3) without gaps between pyramids and other elements.
+def stitched(cells: Cells, marched: Marched, positions: Floats) -> tuple[Marched, float]:
+    """The triangles without gaps between pyramids and other elements.
 
     Also by how much triangles have moved at most.
 
@@ -74,21 +75,52 @@ def stitched(cells: Cells, marched: Marched, positions: Floats) -> tuple[Ints, f
     triangles = marched.triangles
     rows = sorted({row for row, _ in seams.inserted})
     fans = [_fan(triangles[row].tolist(), [seams.inserted.get((row, slot), []) for slot in range(3)]) for row in rows]
-    found = np.concatenate([np.delete(triangles, rows, axis=0), *(np.array(own) for own in fans)])
+    whole = np.delete(np.arange(len(triangles)), rows)
+    owner = np.concatenate([whole, np.repeat(np.array(rows, np.int64), [len(own) for own in fans])])
+    found = np.concatenate([triangles[whole], *(np.array(own) for own in fans)])
     names = np.arange(len(positions))
     names[list(seams.welded)] = list(seams.welded.values())
-    found = names[found]
-    is_whole = (found != np.roll(found, 1, axis=1)).all(axis=1)
-    return found[is_whole], seams.offset
+    chosen = _without_folds(names[found])
+    found, owner = found[chosen], owner[chosen]
+    places = _places(cells, marched, positions, owner, found, names[found])
+    return Marched(marched.nodes, names[found], marched.group[owner], marched.row[owner], places), seams.offset
+
+
+def _without_folds(triangles: Ints) -> Ints:
+    """Rows (k,) of triangles (m, 3) with three different corners, without pairs of two sides of one triangle."""
+    is_whole = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
+    _, which, count = np.unique(np.sort(triangles, axis=1), axis=0, return_inverse=True, return_counts=True)
+    return np.flatnonzero(is_whole & (count[which.reshape(-1)] == 1))
+
+
+def _places(cells: Cells, marched: Marched, positions: Floats, owner: Ints, found: Ints, renamed: Ints) -> Floats:
+    """(m, 3, 3) corners of parts of triangles ``owner`` (m,) in the cells of these.
+
+    found, renamed  (m, 3) corners before and after nodes have been replaced by others
+    """
+    is_corner = found[:, :, None] == marched.triangles[owner][:, None, :]
+    places = marched.places[owner[:, None], is_corner.argmax(axis=2)]
+    row, slot = np.nonzero(~is_corner.any(axis=2) | (found != renamed))
+
+    # new corners are near their feet on the flat triangle
+    own = owner[row]
+    start, *others = np.moveaxis(positions[marched.triangles[own]], 1, 0)
+    sides = np.stack([other - start for other in others], axis=2)
+    goals = positions[renamed[row, slot]]
+    weights = (np.linalg.pinv(sides) @ (goals - start)[..., None])[..., 0]
+    first = marched.places[own, 0]
+    guess = first + np.einsum("nk,nkx->nx", weights, marched.places[own, 1:] - first[:, None])
+    places[row, slot] = cells.located(CellPlaces(marched.group[own], marched.row[own], guess), goals).place
+    return np.asarray(places)
 
 
 def _faces(cells: Cells, marched: Marched) -> _Faces:
     """Lines with one triangle on triangular faces, by the face and then by the element."""
-    row, slot = _open_sides(marched.triangles)
+    row, slot = open_sides(marched.triangles)
     ends = np.stack([slot, (slot + 1) % 3], axis=1)
     nodes = marched.triangles[row[:, None], ends]
-    owners = marched.corners.take(marched.numbers[row, 0, 0])
-    places = _own_places(marched, row[:, None], ends)
+    owners = CellPlaces(marched.group[row], marched.row[row], marched.places[row, 0])
+    places = marched.places[row[:, None], ends]
     numbers, elements, faces = list[int](), list[tuple[int, int]](), [np.empty((0, 3, 3))]
     for group, cell in enumerate(cells.boxes):
         here = np.flatnonzero(owners.group == group)
@@ -120,12 +152,6 @@ def _by_face(lines: Sequence[_Line], faces: Floats) -> _Faces:
     return found
 
 
-def _own_places(marched: Marched, rows: Ints, slots: Ints) -> Floats:
-    """Places (…, 3) of corners of triangles in the cells of these."""
-    ends = marched.corners.place[marched.numbers[rows, slots]]
-    return np.asarray(ends[..., 0, :] + marched.shares[rows, slots][..., None] * (ends[..., 1, :] - ends[..., 0, :]))
-
-
 def _triangular_faces(shape: Shape) -> list[Floats]:
     """The vertices (3, 3) of each triangular face of a shape, in reference coordinates."""
     return [shape.vertices[list(face)] for face in shape.faces if len(face) == 3]
@@ -135,14 +161,6 @@ def _are_on(points: Floats, vertices: Floats) -> Bools:
     """(n,) whether both points of each pair (n, 2, 3) are on a face."""
     normal = np.cross(vertices[1] - vertices[0], vertices[2] - vertices[0])
     return np.asarray((np.abs((points - vertices[0]) @ normal) <= _ON_FACE).all(axis=1))
-
-
-def _open_sides(triangles: Ints) -> tuple[Ints, Ints]:
-    """Rows (k,) and slots (k,) of sides of triangles that no other triangle has."""
-    sides = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
-    keys = np.sort(sides, axis=1) @ [int(triangles.max()) + 1, 1]
-    _, first, count = np.unique(keys, return_index=True, return_counts=True)
-    return np.divmod(first[count == 1], 3)
 
 
 def _chains(lines: Sequence[_Line]) -> list[list[_Line]]:
@@ -202,8 +220,9 @@ def _insert(chain: list[_Line], turned: list[_Line], positions: Floats, seams: _
         seams.welded[its[0]] = own[0]
         seams.offset = max(seams.offset, float(np.linalg.norm(positions[its[0]] - positions[own[0]])))
     for number, node in enumerate(its[1:-1], 1):
-        near = int(np.abs(shares[0] - shares[1][number]).argmin())
-        if np.linalg.norm(positions[own[near]] - positions[node]) <= _SAME * length[-1] and 0 < near < len(own) - 1:
+        away = np.linalg.norm(positions[own] - positions[node], axis=1)
+        near = int(away.argmin())
+        if away[near] <= _SAME * length[-1] and 0 < near < len(own) - 1:
             seams.welded[node] = own[near]
             shares[1][number] = shares[0][near]
     _between(chain, shares[0], its, shares[1], positions, seams, is_turned=False)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.integrals.levels_of_elements import Level
@@ -25,10 +25,13 @@ from elvis.core.triangles.cell_boxes import refined
 from elvis.core.triangles.cell_places import CellPlaces, Cells, Marched
 from elvis.core.triangles.conforming_boxes import conforming_simplices
 from elvis.core.triangles.level_cells import CellBlock, cell_blocks
+from elvis.core.triangles.outlines import outer_faces, with_ends
 from elvis.core.triangles.stitching import stitched
 from elvis.core.triangles.surface_triangles import SurfaceTriangles, default_tolerance
 from elvis.core.triangles.tetrahedra import parts_between
 
+#: triangulations until all outlines at jumps are known
+_MOST_ROUNDS = 4
 #: steps of the search for a zero on an edge
 _STEPS = 80
 #: shares of the edge at which it ends: the last change, and the next one
@@ -42,7 +45,8 @@ def level_triangles(
 
     surface     ``QUANTITY=VALUE``, ``plane:P:N``, ``sphere:C:R`` or ``cylinder:P:A:R``
     quantities  whose values are requested at the corners
-    tolerance   distance from the exact surface, in units of the data; by default 1/1000 of the size of the data
+    tolerance   distance from the exact surface, and of outlines from its curves on faces, in units of the data; by
+                default 1/1000 of the size of the data
 
     Raises ElvisError for other names, for data of other dimensions, and for tolerances that need too many triangles.
 
@@ -53,22 +57,21 @@ def level_triangles(
     """
     wanted = default_tolerance(dataset, tolerance)
     level, gradient, evaluator = prepared(dataset, surface, quantities)
-    blocks = list(cell_blocks(evaluator, level))
+    outer = outer_faces(dataset, evaluator.patches)
     try:
-        found = _within(evaluator, level, blocks, surface, wanted)
+        found = _with_outlines(evaluator, level, outer, surface, wanted)
+        triangles = found.marched.triangles
     except _NothingFoundError:
         # zeros count as larger values: a surface at the border of the domain may have only those inside
         opposite = Expression(surface, negative(level.root))
-        blocks = list(cell_blocks(evaluator, opposite))
-        found = _within(evaluator, opposite, blocks, surface, wanted)
-        found = replace(found, triangles=found.triangles[:, ::-1])
+        found = _with_outlines(evaluator, opposite, outer, surface, wanted)
+        triangles = found.marched.triangles[:, ::-1]
 
-    values = found.cells.values(found.nodes, evaluator.expressions[1:])
+    values = found.cells.values(found.marched.nodes, evaluator.expressions[1:])
     own = values[len(gradient) :]
     named = dict(zip(quantities, own, strict=True))
-    is_bound = all(block.is_exact for block in blocks)
     none = np.zeros_like(found.positions)
-    made = SurfaceTriangles(found.positions, found.triangles, none, named, found.distance, is_bound)
+    made = SurfaceTriangles(found.positions, triangles, none, named, found.distance, found.is_bound)
     normals = _units(values[: len(gradient)].T) if gradient else _means(made)
     made = replace(made, normals=normals, remarks=remarks(found.bounds[found.bounds > wanted]))
     return made.compacted() if found.is_stitched else made
@@ -83,37 +86,53 @@ class _Within:
     """Triangles within a tolerance, wherever bounds show that.
 
     bounds       (n,) of boxes
+    is_bound     whether they are bounds, not estimates
     is_stitched  whether some nodes may be unused
     """
 
     cells: Cells
-    nodes: CellPlaces
+    marched: Marched
     positions: Floats
-    triangles: Ints
     bounds: Floats
     distance: float
+    is_bound: bool
     is_stitched: bool
+
+
+def _with_outlines(
+    evaluator: Evaluator, level: Expression, outer: Sequence[Bools], surface: str, wanted: float
+) -> _Within:
+    """The triangles of a surface, whose outlines at outer faces and at jumps are within the tolerance as well."""
+    outlines = outer
+    for _ in range(_MOST_ROUNDS):
+        blocks = list(cell_blocks(evaluator, level, outlines))
+        found = _within(evaluator, level, blocks, surface, wanted)
+        known, outlines = outlines, with_ends(outlines, found.cells, found.marched)
+        if all(np.array_equal(*pair) for pair in zip(known, outlines, strict=True)):
+            break
+    return found
 
 
 def _within(
     evaluator: Evaluator, level: Expression, blocks: Sequence[CellBlock], surface: str, wanted: float
 ) -> _Within:
     """The triangles of a surface; smaller ones where those next to pyramids move too far."""
+    is_bound = all(block.is_exact for block in blocks)
     for within in (wanted, wanted / 2):
         cells = cells_within(evaluator, blocks, within)
         marched = march(cells, level, surface)
         positions = cells.positions(marched.nodes)
         bounds = np.concatenate([own.leaves.bounds for own in cells.boxes])
-        triangles, moved = _without_gaps(cells, marched, positions)
+        marched, moved = without_gaps(cells, marched, positions)
         if moved + float(bounds[bounds <= within].max(initial=0.0)) <= wanted:
             break
-    return _Within(cells, marched.nodes, positions, triangles, bounds, float(bounds.max()) + moved, moved > 0)
+    return _Within(cells, marched, positions, bounds, float(bounds.max()) + moved, is_bound, moved > 0)
 
 
-def _without_gaps(cells: Cells, marched: Marched, positions: Floats) -> tuple[Ints, float]:
+def without_gaps(cells: Cells, marched: Marched, positions: Floats) -> tuple[Marched, float]:
     """The triangles without gaps next to pyramids, and by how much they have moved at most."""
     if not has_seams({own.shape for own in cells.boxes}):
-        return marched.triangles, 0.0
+        return marched, 0.0
     return stitched(cells, marched, positions)
 
 
@@ -180,7 +199,10 @@ def _marched(cells: Cells, level: Expression) -> Marched:
 
     starts = nodes.numbers[ends[:, 0]]
     shares = _own_shares(own[kept], nodes.values, starts[triangles], t[triangles])
-    return Marched(points, triangles, places, numbers[kept], shares)
+    between = places.place[numbers[kept]]
+    corners = between[:, :, 0] + shares[..., None] * (between[:, :, 1] - between[:, :, 0])
+    owners = places.take(numbers[kept, 0, 0])
+    return Marched(points, triangles, owners.group, owners.row, corners)
 
 
 def _own_shares(edges: Ints, values: Floats, starts: Ints, shares: Floats) -> Floats:
