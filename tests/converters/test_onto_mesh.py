@@ -9,6 +9,7 @@ import pytest
 from elvis import Dataset, ElvisError, Shape, integrate, onto_mesh, read, sample, write
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.testing import approximated, curved, grid
+from elvis.plugins.onto_mesh import report_of_transfer
 
 FUNCTIONS = {"u": lambda x: x[:, 0] ** 2 + x[:, 1], "p": lambda x: 1.5 + x[:, 0] * x[:, 1]}
 
@@ -81,6 +82,9 @@ def test_unresolved_borders_are_reported_with_their_error():
     x, y = (own.reshape(-1) for own in np.meshgrid(nodes, nodes))
     exact = sample(jumping(3), ["u"], np.stack([x, y, 0 * x], axis=1)).values.mean() * 0.49
     assert found.integrals[0].after == pytest.approx(exact, abs=2e-3)
+    report = report_of_transfer(found, [])
+    assert "of a field, an estimate from two rules" in report.notes[-1]
+    assert report.facts()["is_bound"] is False
 
 
 def test_curved_elements_are_located_exactly():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from elvis import Dataset, ElvisError, Reference, Scene, Shape, read, render, with_quantity, write
+from elvis import Dataset, ElvisError, Reference, Scene, Shape, integrate, read, render, with_quantity, write
 from elvis.core.quantities import Expression, Names
 from elvis.core.testing import approximated, grid
 from elvis.plugins.command import elvis
@@ -68,6 +68,17 @@ def test_every_command_uses_them(folder):
     assert read("a.xml", "b.fld")["q"](0.5, 0.5) == pytest.approx(1.5)
 
 
+def test_data_without_a_density_need_no_reference_density(folder):
+    """Coefficients as with rho_ref = 1, and a remark; data with a density are asked for one."""
+    data = read("a.xml", "a.fld", reference={"mu": 4.0, "u_ref": 3.0, "area": 0.5})
+    found, same = (integrate(data, [], over="all", coefficients=text) for text in ("x", "1,3,0.5,x"))
+    assert [row.value for row in found] == [row.value for row in same]
+    assert any(remark.startswith("rho_ref is taken to be 1") for remark in found.remarks)
+    assert not same.remarks
+    with pytest.raises(ElvisError, match="expected rho_ref"):
+        integrate(with_quantity(data, "rho=2+x", order=1), [], over="all", coefficients="x")
+
+
 def test_scenes_have_them(folder):
     scene = Scene(data=("a.xml", "a.fld"), field="mu*y", reference=Reference(mu=8.0), size=(12, 12))
     frame = render(scene, device="reference")
@@ -104,7 +115,7 @@ def test_bad_values_give_a_one_line_error(folder, words, reason):
 def test_bad_files_and_coefficients_give_a_one_line_error(folder):
     status, text = run("integrate", "a.xml", "a.fld", "--coefficients", "x", "--over", "all", "--set", "area=1")
     assert status == 1
-    assert "expected rho_ref (reference density), u_ref (reference speed)" in text
+    assert "expected u_ref (reference speed), which the data don't contain: pass --set u_ref=…" in text
     for content, reason in [
         ("mu = 1\n", "a.elvis.toml: expected only the table [reference], found mu"),
         ("[reference]\nmu = 'x'\n", "a.elvis.toml: mu (dynamic viscosity): expected a positive number, found 'x'"),

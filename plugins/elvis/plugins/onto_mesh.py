@@ -47,7 +47,7 @@ class Transfer:
     integrals  of each, before and after
     covered    the share of the target's measure that the source covers
     halvings   how often boxes were bisected at most
-    residual   disagreement of rules in the end, as a share of an element's integral
+    residual   disagreement of rules in the end, as a share of an element's integral: an estimate of the error
     reaches_beyond  whether elements of the source lie outside the target
     not_finite  ids of elements in which a field is nan
     """
@@ -128,12 +128,17 @@ def report_of_transfer(found: Transfer, files: Sequence[Path]) -> Report:
     names = tuple(file.name for file in files)
     notes = [_sentence(own, found.reaches_beyond) for own in found.integrals]
     if found.covered < 1:
-        notes.append(f"the data cover {found.covered:.10g} of the target's measure")
+        is_estimate = ", an estimate" if found.residual > 0 else ""
+        notes.append(f"the data cover {found.covered:.10g} of the target's measure{is_estimate}")
     if found.residual > 0:
-        notes.append(f"rules disagree by up to {found.residual:.2g} of a field where elements of the data end")
+        notes.append(
+            f"the quadrature error where elements of the data end is up to {found.residual:.2g} of a field, an "
+            "estimate from two rules"
+        )
     transfer = {
         "covered": found.covered,
         "residual": found.residual,
+        "is_bound": found.residual == 0,
         "integrals": {own.name: {"before": own.before, "after": _finite(own.after)} for own in found.integrals},
     }
     listed = {"not finite": found.not_finite}

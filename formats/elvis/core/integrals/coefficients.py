@@ -13,6 +13,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.integrals.integrands import Integrand
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.names import Names
+from elvis.core.quantities.predefined import PARAMETERS
 from elvis.core.quantities.reference_values import REFERENCE
 
 _FORM = "RHO,U,AREA,AXIS[,LENGTH[,X,Y,Z]], such as 1.2,30,0.5,x or 1,1,1,xy:4,0.8,0.25,0,0, or only AXIS"
@@ -103,11 +104,26 @@ class Coefficients:
         return [("pressure_force", " (pressure)")]
 
 
+def assumption(text: str, names: Names) -> Iterator[str]:
+    """A message about the reference density of an incompressible flow, if coefficients take it to be 1."""
+    if "," not in text and not {"rho_ref", "density"} & set(names.parameters) and _density(names) is not None:
+        yield (
+            "rho_ref is taken to be 1, as the data contain no density: their pressure is then a kinematic one; "
+            "--set rho_ref=… gives another value"
+        )
+
+
+def _density(names: Names) -> float | None:
+    """The reference density of data without one: that of an incompressible flow, 1 by default."""
+    if "density" in names.parameters:
+        return names.parameters["density"]
+    return PARAMETERS["density"].default if names.flow.is_incompressible else None
+
+
 def _with_reference(axis: str, names: Names) -> list[str]:
     """The parts of coefficients taken from reference values; raises ElvisError with the names of unknown ones."""
-    known = names.parameters
-    if "rho_ref" not in known and "density" in known:
-        known = {**known, "rho_ref": known["density"]}
+    density = _density(names)
+    known = dict(names.parameters) if density is None else {"rho_ref": density, **names.parameters}
     missing = [name for name in _BEFORE if name not in known]
     if missing:
         words = ", ".join(f"{name} ({REFERENCE[name]})" for name in missing)

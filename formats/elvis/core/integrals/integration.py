@@ -12,7 +12,7 @@ from elvis.core.axis_planes import needs_box
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.files.columns import Columns
-from elvis.core.integrals.coefficients import Coefficients
+from elvis.core.integrals.coefficients import Coefficients, assumption
 from elvis.core.integrals.conversion import ConversionTerms
 from elvis.core.integrals.groups import Sums
 from elvis.core.integrals.integrands import Integrand, integrands
@@ -313,7 +313,8 @@ def integrate(
     rows = list(_sums(targets, places, wanted, (summation, terms), ranks, task))
     is_finished = not any(ranks.exchange(summation.is_unfinished, "finished")) if best_effort else True
     found = [each for name, sums in rows for each in _rows(name, wanted, sums, is_finished)]
-    return Integrals(found, [*_notes(wanted), *_remarks(rows, wanted, error), *_lost(rows, wanted, terms)])
+    notes = [*_notes(wanted), *([] if coefficients is None else assumption(coefficients, Names.of(dataset)))]
+    return Integrals(found, [*notes, *_remarks(rows, wanted, error), *_lost(rows, wanted, terms)])
 
 
 def moved_integrands(

@@ -121,6 +121,11 @@ class Flow:
         """No formula depends on a phase."""
         return None
 
+    @property
+    def is_incompressible(self) -> bool:
+        """Whether the data contain a velocity and a pressure but no density."""
+        return {"u", "p"} <= set(self._fields_by_symbol) and "rho" not in self._fields_by_symbol
+
     @cached_property
     def available(self) -> tuple[str, ...]:
         """The names of quantities for which the fields suffice, and the parameters that are known."""
