@@ -40,6 +40,8 @@ _DEGREE_OF_OTHERS = 8
 _NEGLIGIBLE = 1e-5
 #: by how much the degree of the polynomial rises in turn until its error is small
 _HIGHER = (0, 4, 8)
+#: share of the way from the middle of an element to its vertices at which periodic functions are not zero as well
+_BETWEEN = 0.618
 #: values below this share of the largest one are rounding
 _ROUNDING = 1e-13
 #: elements of a block at most
@@ -164,13 +166,14 @@ def cell_blocks(
 
 
 def _noise(evaluator: Evaluator, level: Expression) -> float:
-    """The rounding of q, by its values at vertices and in the middle of elements.
+    """The rounding of q, by its values at vertices, in the middle of elements, and between these.
 
     All elements need the same number: where the surface runs along a face, one of the two must count it as its own.
     """
     largest = 0.0
     for patch in evaluator.patches:
-        places = np.vstack([patch.shape.vertices, patch.shape.vertices.mean(axis=0)])
+        vertices, middle = patch.shape.vertices, patch.shape.vertices.mean(axis=0)
+        places = np.vstack([vertices, middle, middle + _BETWEEN * (vertices - middle)])
         for some in chunks(len(patch), max(1, _NUMBERS // len(places))):
             lattice = Lattice(patch, np.arange(some.start, some.stop), places)
             (values,) = evaluator.values_at([level], lattice)
