@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints
+from elvis.core.distances.triangle_texts import Indexed, triangles_in_text
 from elvis.core.errors import FormatError
-from elvis.core.files.plain import check_plain
+from elvis.core.files.plain import content
 from elvis.core.needing import require_module
 
 #: suffixes of files that are read
@@ -35,9 +36,9 @@ def triangles_of(name: str) -> tuple[Floats, Ints]:
 
     Raises FormatError if the file holds none.
     """
-    corners = corners_of(name)
-    points, triangles = np.unique(corners.reshape(-1, 3) + 0.0, axis=0, return_inverse=True)
-    triangles = triangles.reshape(-1, 3)
+    vertices, triangles = _indexed(name)
+    points, numbers = np.unique(vertices + 0.0, axis=0, return_inverse=True)
+    triangles = numbers.reshape(-1)[triangles]
     distinct = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
     if not distinct.any():
         raise FormatError("expected triangles, found only some without an area", file=name)
@@ -46,22 +47,39 @@ def triangles_of(name: str) -> tuple[Floats, Ints]:
 
 def corners_of(name: str) -> Floats:
     """(m, 3, 3) the corners of the triangles of a file; raises FormatError if it holds none."""
-    trimesh = require_module("trimesh", "a triangle file", "distances")
+    vertices, triangles = _indexed(name)
+    return vertices[triangles]
 
-    check_plain(name)
+
+def _indexed(name: str) -> Indexed:
+    """Vertices (n, 3) that triangles use, and triangles (m, 3); raises FormatError if there are none."""
     try:
-        corners = np.asarray(trimesh.load_mesh(name, process=False).triangles, dtype=np.float64)
+        found = triangles_in_text(content(name), Path(name).suffix.lower())
+    except FormatError as error:
+        raise error.within(name) from None
+    vertices, triangles = _by_library(name) if found is None else found
+    if not len(triangles):
+        raise FormatError("expected triangles, found none", file=name)
+    if vertices.shape[1:] != (3,):
+        raise FormatError(f"expected three coordinates, found {vertices.shape[-1]}", file=name)
+    is_used = np.zeros(len(vertices), np.bool_)
+    is_used[triangles] = True
+    vertices = vertices[is_used]
+    if not np.isfinite(vertices).all():
+        raise FormatError("expected finite coordinates, found others", file=name)
+    return vertices, (np.cumsum(is_used) - 1)[triangles]
+
+
+def _by_library(name: str) -> Indexed:
+    """Vertices and triangles of a binary file."""
+    trimesh = require_module("trimesh", "a triangle file", "distances")
+    try:
+        mesh = trimesh.load_mesh(name, process=False)
+        return np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
     except Exception as error:
         raise FormatError(
             f"expected a triangle mesh, found none that can be read: {_words(error)}", file=name
         ) from error
-    if not len(corners):
-        raise FormatError("expected triangles, found none", file=name)
-    if corners.shape[1:] != (3, 3):
-        raise FormatError(f"expected three coordinates, found {corners.shape[-1]}", file=name)
-    if not np.isfinite(corners).all():
-        raise FormatError("expected finite coordinates, found others", file=name)
-    return corners
 
 
 def _words(error: Exception) -> str:
