@@ -88,6 +88,7 @@ fuzz: $(READY)
 	@$(RUN) tests/fuzz/run.py
 	@$(RUN) tests/fuzz/interruptions.py
 	@$(RUN) tests/fuzz/neighbours.py
+	@$(RUN) tests/fuzz/pages.py
 	@$(RUN) tests/fuzz/large.py
 
 mutants: $(READY)

@@ -30,6 +30,14 @@ def test_damage_by_others_while_a_command_runs(tmp_path, kind):
 
 
 @pytest.mark.thorough
+def test_damaged_messages_to_a_viewer(tmp_path):
+    command = [sys.executable, str(SCRIPT.with_name("pages.py")), "--messages", "600", "--seed", "3"]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "TMPDIR": str(tmp_path)}
+    done = subprocess.run(command, capture_output=True, text=True, env=environment)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.thorough
 def test_inputs_with_a_lot_of_one_kind(tmp_path):
     command = [sys.executable, str(SCRIPT.with_name("large.py")), "--points", "100000", "--fields", "1000"]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "TMPDIR": str(tmp_path)}

@@ -42,7 +42,7 @@ def _is_at_rest(page, session):
     """Whether nothing is on its way, neither from the page nor to it, and the last picture is of the last scene."""
     # an answer comes after all that the page has sent before
     page.evaluate("window.elvis?.ask('copy', 'Python').catch(() => null)")
-    if page.evaluate(BUSY) or session._wake.is_set():
+    if page.evaluate(BUSY) or session._wake.is_set() or session.rereading.is_running:
         return False
     if session._leavable or any(one.waiting or one.sent > one.confirmed for one in session.viewers):
         return False

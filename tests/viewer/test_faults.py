@@ -16,6 +16,7 @@ from types import SimpleNamespace
 import pytest
 from driving import PATIENCE, finished
 
+from elvis.core.errors import ElvisError
 from elvis.renderer.device_errors import DeviceError
 from elvis.scene import Scene
 from elvis.viewer import drawer, drawing_process, session
@@ -150,11 +151,11 @@ def test_changed_or_removed_files_are_reported(tmp_path):
     for path in (names[0], inner):
         path.write_text("1")
     files = WatchedFiles(map(str, names))
-    files.note()
+    files.note(files.stamps())
     assert files.sentence() == ""
     inner.write_text("12")
     assert f"{inner} has changed on disk" in files.sentence() or f"{names[1]} has changed" in files.sentence()
-    files.note()
+    files.note(files.stamps())
     assert files.sentence() == ""
     names[0].unlink()
     assert f"{names[0]} was removed" in files.sentence()
@@ -271,3 +272,64 @@ def test_an_unread_pipe_is_closed(monkeypatch):
 
     finished(main())
     assert silent.closed_while_read is False
+
+
+class _Answering:
+    """A process and its pipe: it answers with its name once it may, or with an error."""
+
+    def __init__(self, name, kind="facts"):
+        self.name, self.kind, self.may_answer, self.is_ended = name, kind, threading.Event(), False
+        self.pid = os.getpid()
+
+    def send(self, request):
+        self.request = request
+
+    def recv(self):
+        self.may_answer.wait()
+        return self.kind, 0, self.name
+
+    def terminate(self):
+        self.is_ended = True
+
+    def join(self, seconds):
+        pass
+
+    def is_alive(self):
+        return False
+
+    def close(self):
+        pass
+
+
+def test_the_previous_process_answers_until_the_next_has_read(monkeypatch):
+    """A process that can't read the data is ended, and nothing changes."""
+    processes = [_Answering("old"), _Answering("damaged", "error"), _Answering("new")]
+    old, damaged, new = processes
+    old.may_answer.set()
+    damaged.may_answer.set()
+    waiting = iter(processes)
+
+    def start():
+        process = next(waiting)
+        return drawing_process.Process(process, process, SimpleNamespace(value=0))
+
+    monkeypatch.setattr(drawer, "spawn", start)
+
+    async def main():
+        source = drawing_process.Source(())
+        own = drawer.Drawer(source)
+        assert await own.ask("pick") == "old"
+        with pytest.raises(ElvisError, match="damaged"):
+            await own.read_again(source)
+        assert damaged.is_ended
+        reading = asyncio.create_task(own.read_again(source))
+        for _ in range(3):
+            assert await own.ask("pick") == "old"
+        assert not reading.done()
+        new.may_answer.set()
+        assert await reading == await own.ask("pick") == "new"
+        await until(lambda: old.is_ended)
+        own.close()
+        assert new.is_ended
+
+    finished(main())

@@ -78,7 +78,8 @@ def test_internal_errors_are_also_answered(viewer, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("asked", "size"), [((1e300, 1e6), (8192, 8192)), ((-5, 0), (64, 64)), ((700.9, 9000), (700, 8192))]
+    ("asked", "size"),
+    [((1e300, 1e6), (4096, 4096)), ((-5, 0), (64, 64)), ((700.9, 9000), (700, 8192)), ((8000, 4000), (5792, 2896))],
 )
 def test_requested_picture_sizes_are_limited(asked, size):
     session = SimpleNamespace(size=(100, 100), _wake_up=lambda: None)

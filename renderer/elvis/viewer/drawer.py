@@ -6,41 +6,37 @@ import asyncio
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any
 
 from elvis.core.errors import ElvisError
+from elvis.core.memory import free_memory
 from elvis.scene.errors import AbsentError
 from elvis.viewer.drawing_process import Process, Source, spawn
+
+#: share of the free memory that a process may take so that a second one reads its data next to it
+ROOM = 0.5
 
 
 class DiedError(ElvisError):
     """The process that draws has ended."""
 
 
-class Drawer:
-    """The process that draws, seen from the server: one request at a time; started when it is needed."""
+class Worker:
+    """A process that draws: one question at a time, which a thread waits for."""
 
-    def __init__(self, source: Source, process: Process | None = None) -> None:
-        self.source = source
-        #: with whether it knows its source
-        self._process, self._is_told = process, False
+    def __init__(self, process: Process) -> None:
+        self.process = process
+        self.turn = asyncio.Lock()
+        #: whether it knows its source
+        self._is_told = False
         self._waiting: threading.Thread | None = None
-        self._number = 0
-        self._turn = asyncio.Lock()
 
-    async def ask(self, name: str, content: Any = None) -> Any:
-        """The answer to a request; ElvisError with the reason where there is none, None for an obsolete picture."""
-        async with self._turn:
-            if self._process is None:
-                self._process, self._is_told = spawn(), False
-            self._number += 1
-            self._process.newest.value = self._number
-            return await self._exchange(self._process.pipe, name, self._number, content)
-
-    async def _exchange(self, pipe: Connection, name: str, number: int, content: Any) -> Any:
+    async def exchange(self, source: Source, name: str, number: int, content: Any) -> Any:
+        """The answer to a question, None for an obsolete picture; ElvisError with the reason if there is none."""
         loop = asyncio.get_running_loop()
         answer: asyncio.Future[Any] = loop.create_future()
+        pipe = self.process.pipe
 
         def settle(found: Any) -> None:
             if not answer.done():
@@ -49,7 +45,7 @@ class Drawer:
         def wait() -> None:
             try:
                 if not self._is_told:
-                    pipe.send(self.source)
+                    pipe.send(source)
                     self._is_told = True
                 pipe.send((name, number, content))
                 found = pipe.recv()
@@ -64,22 +60,113 @@ class Drawer:
         self._waiting = waiting
         kind, _, found = await answer
         if kind == "died":
-            self.close()
             raise DiedError("the drawing process stopped unexpectedly and is restarting")
         if kind in ("error", "absent"):
             raise (AbsentError if kind == "absent" else ElvisError)(found)
         return None if kind == "obsolete" else found
 
-    async def restart(self) -> None:
-        """Let the next request find a new process, which reads the data again."""
-        self.make_obsolete()
-        async with self._turn:
-            self.close()
+    def end(self) -> None:
+        """End the process, and wait for its end, which takes a moment if it holds a lot of memory."""
+        process = self.process.own
+        process.terminate()
+        process.join(2)
+        if process.is_alive():
+            process.kill()
+            process.join()
+        # The end of the process ends a wait for its answer.  The pipe may only be closed after that: closing a pipe
+        # while a thread reads it leaves that thread with no descriptor, or with the descriptor of another file.
+        if self._waiting is not None:
+            self._waiting.join(2)
+            if self._waiting.is_alive():
+                return
+        self.process.pipe.close()
+
+
+class Drawer:
+    """The process that draws, seen from the server: one request at a time; started when it is needed.
+
+    Starting and ending a process takes a fraction of a second, more on a busy machine: a thread does it, so that the
+    server answers pages meanwhile.
+    """
+
+    def __init__(self, source: Source, process: Process | None = None) -> None:
+        self.source = source
+        self._number = 0
+        self._given = process
+        self._worker: Worker | None = None
+        self._start = asyncio.Lock()
+        #: those that answer their last question, or read data that are not shown yet
+        self._others: set[Worker] = set()
+        self._retiring: set[asyncio.Task[None]] = set()
+
+    async def ask(self, name: str, content: Any = None) -> Any:
+        """The answer to a request; ElvisError with the reason where there is none, None for an obsolete picture."""
+        while True:
+            worker = await self._current()
+            async with worker.turn:
+                if worker is self._worker:
+                    self._number += 1
+                    worker.process.newest.value = self._number
+                    try:
+                        return await worker.exchange(self.source, name, self._number, content)
+                    except DiedError:
+                        if worker is self._worker:
+                            await self._retire(worker)
+                        raise
+
+    async def _current(self) -> Worker:
+        """The process, which is started if there is none."""
+        async with self._start:
+            if self._worker is None:
+                given, self._given = self._given, None
+                self._worker = Worker(await asyncio.to_thread(spawn) if given is None else given)
+            return self._worker
+
+    async def read_again(self, source: Source) -> Any:
+        """Facts of data that a new process has read, which then draws; ElvisError if they can't be read.
+
+        The previous process answers until then; without room for both it ends first.
+        """
+        old = self._worker
+        if old is not None and not _has_room(old):
+            self.source = source
+            async with old.turn:
+                await self._retire(old)
+            return await self.ask("facts")
+        new = Worker(await asyncio.to_thread(spawn))
+        self._others.add(new)
+        try:
+            facts = await new.exchange(source, "facts", 0, None)
+        except BaseException:
+            await self._retire(new)
+            raise
+        self._others.discard(new)
+        old, self._worker, self.source = self._worker, new, source
+        if old is not None:
+            self._others.add(old)
+            old.process.newest.value = self._number + 1
+            task = asyncio.get_running_loop().create_task(self._retire_later(old))
+            self._retiring.add(task)
+            task.add_done_callback(self._retiring.discard)
+        return facts
+
+    async def _retire_later(self, worker: Worker) -> None:
+        """End a process once it has answered its last question."""
+        async with worker.turn:
+            await self._retire(worker)
+
+    async def _retire(self, worker: Worker) -> None:
+        """End a process."""
+        if worker is self._worker:
+            self._worker = None
+        self._others.add(worker)
+        await asyncio.to_thread(worker.end)
+        self._others.discard(worker)
 
     def make_obsolete(self) -> None:
         """Let the picture that is being drawn be left: something newer is wanted."""
-        if self._process is not None:
-            self._process.newest.value = self._number + 1
+        if self._worker is not None:
+            self._worker.process.newest.value = self._number + 1
 
     @contextmanager
     def limited(self, seconds: float | None) -> Iterator[None]:
@@ -96,23 +183,24 @@ class Drawer:
     @property
     def pid(self) -> int | None:
         """Id of the process, None if there is none."""
-        return None if self._process is None else self._process.own.pid
+        return None if self._worker is None else self._worker.process.own.pid
 
     def close(self) -> None:
-        """End the process."""
-        known, self._process = self._process, None
-        if known is None:
-            return
-        process = known.own
-        process.terminate()
-        process.join(2)
-        if process.is_alive():
-            process.kill()
-            process.join()
-        # The end of the process ends a wait for its answer.  The pipe may only be closed after that: closing a pipe
-        # while a thread reads it leaves that thread with no descriptor, or with the descriptor of another file.
-        if self._waiting is not None:
-            self._waiting.join(2)
-            if self._waiting.is_alive():
-                return
-        known.pipe.close()
+        """End all processes."""
+        if self._given is not None:
+            self._others.add(Worker(self._given))
+        if self._worker is not None:
+            self._others.add(self._worker)
+        self._given = self._worker = None
+        while self._others:
+            self._others.pop().end()
+
+
+def _has_room(worker: Worker) -> bool:
+    """Whether there is memory for the data of a process a second time, where the system reports it."""
+    try:
+        status = Path(f"/proc/{worker.process.own.pid}/status").read_text(encoding="ascii")
+        taken = next(1024 * int(line.split()[1]) for line in status.splitlines() if line.startswith("VmRSS"))
+    except (OSError, StopIteration):
+        return True
+    return taken < ROOM * free_memory()

@@ -11,8 +11,9 @@ import json
 import re
 import secrets
 import signal
-from collections.abc import Awaitable, Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+import threading
+from collections.abc import Awaitable, Callable, Sequence
+from contextlib import suppress
 from html import escape
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
@@ -237,31 +238,38 @@ def _heed(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         loop.default_exception_handler(context)
 
 
-@contextmanager
-def cancelled_by_interrupt() -> Iterator[None]:
-    """Let the first Ctrl-C cancel this task; as an exception it would be raised, and printed, in any of the tasks."""
-    task, loop, before = asyncio.current_task(), asyncio.get_running_loop(), signal.getsignal(signal.SIGINT)
-    if task is None or before is signal.SIG_IGN:
-        yield
-        return
+def run_until_interrupted(work: Callable[[], Awaitable[object]]) -> None:
+    """Run a coroutine in a loop; the first Ctrl-C cancels it, wherever it arrives.
 
-    def restore() -> None:
-        loop.remove_signal_handler(signal.SIGINT)
-        signal.signal(signal.SIGINT, before)
+    An exception would be raised, and printed, in any of the tasks, or leave the loop with a task that never began.
+    """
+    before = signal.getsignal(signal.SIGINT)
+    tasks: list[tuple[asyncio.AbstractEventLoop, asyncio.Task[Any] | None]] = []
+    interrupts = [0]
 
-    def end(task: asyncio.Task[Any]) -> None:
-        restore()
-        task.cancel()
+    def cancel(*_: object) -> None:
+        interrupts[0] += 1
+        if interrupts[0] > 1:
+            raise KeyboardInterrupt
+        for loop, task in tasks:
+            if task is not None:
+                # wakes the loop as well
+                loop.call_soon_threadsafe(task.cancel)
 
+    async def run() -> None:
+        tasks.append((asyncio.get_running_loop(), asyncio.current_task()))
+        if not interrupts[0]:
+            await work()
+
+    is_main = threading.current_thread() is threading.main_thread()
+    if is_main and before is not signal.SIG_IGN:
+        signal.signal(signal.SIGINT, cancel)
     try:
-        loop.add_signal_handler(signal.SIGINT, end, task)
-    except (NotImplementedError, RuntimeError, ValueError):  # Windows, and threads other than the main one
-        yield
-        return
-    try:
-        yield
+        with suppress(asyncio.CancelledError):
+            asyncio.run(run())
     finally:
-        restore()
+        if is_main:
+            signal.signal(signal.SIGINT, before)
 
 
 async def serve(

@@ -29,8 +29,9 @@ from elvis.viewer.messages import AnyMessage, Message, Question, parsed
 from elvis.viewer.page_files import views_of
 from elvis.viewer.patches import FIXED, folder_of, patched, placed, put_back, scene_of_page, without
 from elvis.viewer.placing import TakenError, place_of
+from elvis.viewer.rereading import Rereading, first_of
 from elvis.viewer.second_data import SecondData, sources_with
-from elvis.viewer.sizing import LATE, Sizing
+from elvis.viewer.sizing import LATE, MOST, Sizing, limited_size
 from elvis.viewer.viewers import Viewer, is_any_slow
 from elvis.viewer.watching import WatchedFiles
 
@@ -44,8 +45,6 @@ WATCH = 2.0
 DEATHS = 3
 #: drafts that nobody sees, at most: the first one may load kernels
 TRIALS = 2
-#: pixels of a picture each way
-LEAST, MOST = 64, 8192
 #: objects that can be hidden
 MOST_HIDDEN = 1000
 #: a scene's table, and the objects that are hidden: each its key and itself
@@ -102,6 +101,8 @@ class Session:
         self._wake = asyncio.Event()
         self._wake.set()
         self._tasks: list[asyncio.Task[None]] = []
+        #: the scene remains unchanged, and pages get answers on the previous data meanwhile
+        self.rereading = Rereading(lambda: self._read_from(self.source), self._tell)
 
     def start(self) -> None:
         """Begin to draw, on the running loop."""
@@ -110,6 +111,7 @@ class Session:
 
     async def close(self) -> None:
         """End the drawing."""
+        self.rereading.cancel()
         for task in self._tasks:
             task.cancel()
         self._drawer.close()
@@ -163,7 +165,7 @@ class Session:
                 self._wake_up()
                 await self._send_state()
             case messages.ReadAgain():
-                await self._read_again()
+                self.rereading.request()
             case _:
                 return {"type": "answer", "id": message.id, "content": await self._content_for(message)}
         return None
@@ -185,9 +187,9 @@ class Session:
 
     def _resize(self, size: Sequence[float]) -> None:
         """Draw in another size, within the limits."""
-        width, height = (min(max(int(side), LEAST), MOST) for side in size)
-        if (width, height) != self.size:
-            self.size = width, height
+        limited = limited_size(size)
+        if limited != self.size:
+            self.size = limited
             self._wake_up()
 
     def _take_paper(self, color: list[float] | None) -> None:
@@ -404,42 +406,24 @@ class Session:
                 self._wake_up()
                 await self._send_state()
 
-    async def _read_again(self) -> None:
-        """Read the data again; the scene remains unchanged."""
-        await self._drawer.restart()
-        self.facts, self._stale = None, ""
-        self.revision += 1
-        self._wake_up()
-
     async def compare(self, files: Sequence[Path]) -> None:
         """Read a second dataset, for expressions and next to the first; ElvisError if that fails, nothing changes."""
-        before = self.source
-        reason: ElvisError | None = None
-        try:
-            sources = await asyncio.to_thread(sources_with, before, files)
-        except ElvisError:
-            self.second.reject()
-            raise
-        for source in sources:
+        async with self.rereading.turn:
             try:
-                await self._read_from(source)
-            except ElvisError as error:
-                # the reason of the files alone is the more useful one
-                reason = reason or error
-            else:
-                self.second.accept()
-                return
-        self.second.reject()
-        await self._read_from(before)
-        assert reason is not None
-        raise reason
+                sources = await asyncio.to_thread(sources_with, self.source, files)
+                await first_of(sources, self._read_from)
+            except ElvisError:
+                self.second.reject()
+                raise
+            self.second.accept()
 
     async def _read_from(self, source: Source) -> None:
-        """Read the data from another source, in a new process."""
-        await self._drawer.restart()
-        self.source = self._drawer.source = source
-        self.facts = None
-        await self._facts_once()
+        """Read the data from a source, in a new process; ElvisError if they can't be read, nothing changes."""
+        stamps = self._files.stamps()
+        facts = await self._drawer.read_again(source)
+        self._files.note(stamps)
+        self.source, self.facts, self._stale = source, facts, ""
+        self._begin(facts)
         if source.reading is not None:
             self.scene = replace(self.scene, others=source.reading.others)
         self.revision += 1
@@ -453,7 +437,7 @@ class Session:
     async def _facts_once(self) -> None:
         if self.facts is not None:
             return
-        self._files.note()
+        self._files.note(self._files.stamps())
         self.facts = await self._drawer.ask("facts")
         self._begin(self.facts)
         await self._send_state()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from statistics import median_low
 from typing import Any
@@ -10,6 +11,10 @@ from elvis.scene import Scene, VolumeRendering
 
 #: parts of the full size each way that a picture may have
 PARTS = (1.0, 0.75, 0.5, 1 / 3, 0.25, 0.125, 0.0625)
+#: pixels of a picture each way
+LEAST, MOST = 64, 8192
+#: pixels of a picture, which take 3 GB; displays of 5120 by 2880 pixels have fewer
+MOST_PIXELS = 1 << 24
 #: the part where nothing is known, and below which drafts are only where they take too long
 USUAL = 1 / 3
 #: seconds that a draft may take: 13 drafts a second look continuous
@@ -24,6 +29,13 @@ REMEMBERED = 5
 SAME_WORK = (0.5, 2.0)
 #: error of a pixel's colour, by volumes
 ERROR = 0.03
+
+
+def limited_size(size: Sequence[float]) -> tuple[int, int]:
+    """Width and height as a page asks for them, within the limits; a picture of too many pixels keeps its shape."""
+    width, height = (min(max(side, LEAST), MOST) for side in size)
+    scale = min(1.0, (MOST_PIXELS / (width * height)) ** 0.5)
+    return int(width * scale), int(height * scale)
 
 
 class Sizing:

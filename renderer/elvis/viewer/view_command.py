@@ -61,7 +61,6 @@ def view(
 
     # the drawing process starts while this one processes the command
     process = spawn()
-    import asyncio
     from contextlib import ExitStack, suppress
 
     from elvis.core.files.plain import check_plain_or_folder
@@ -72,7 +71,7 @@ def view(
     from elvis.scene.errors import SceneError
     from elvis.viewer.access import open_browser
     from elvis.viewer.moments import source_of
-    from elvis.viewer.server import Server, cancelled_by_interrupt, serve
+    from elvis.viewer.server import Server, run_until_interrupted, serve
     from elvis.viewer.session import Session
 
     scene = composed(data, options, settings, LEAVING)
@@ -92,9 +91,8 @@ def view(
     async def run() -> None:
         source = source_of(scene, is_kept=not no_cache, is_live=live)
         server = Server(Session(scene, source, allow_writes, process), allow_hosts=allow_host)
-        with cancelled_by_interrupt():
-            # a run that goes on may have its first step later
-            await serve(server, host, port, opened, idle, needs_data=not live)
+        # a run that goes on may have its first step later
+        await serve(server, host, port, opened, idle, needs_data=not live)
 
-    with suppress(KeyboardInterrupt, asyncio.CancelledError), ExitStack() as pages:
-        asyncio.run(run())
+    with suppress(KeyboardInterrupt), ExitStack() as pages:
+        run_until_interrupted(run)

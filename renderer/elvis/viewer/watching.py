@@ -16,20 +16,21 @@ class WatchedFiles:
         self._names = tuple(names)
         self._known: dict[str, Stamp] = {}
 
-    def note(self) -> None:
-        """They are read now."""
-        self._known = self._stamps()
+    def note(self, stamps: dict[str, Stamp]) -> None:
+        """They were read as they were with these stamps."""
+        self._known = stamps
 
     def sentence(self) -> str:
         """A sentence on changes since reading; empty if there are none."""
-        now = self._stamps()
+        now = self.stamps()
         changed = [name for name, known in self._known.items() if now.get(name) != known]
         if not changed:
             return ""
         how = "was removed" if now.get(changed[0]) is None else "has changed on disk"
         return f"{changed[0]} {how}; the picture shows the previous contents"
 
-    def _stamps(self) -> dict[str, Stamp]:
+    def stamps(self) -> dict[str, Stamp]:
+        """Stamps of all files by path, at present."""
         found = {}
         for name in self._names:
             for path in (name, *_content(name)):
