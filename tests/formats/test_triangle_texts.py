@@ -105,6 +105,15 @@ def test_invalid_texts_give_one_line_errors(tmp_path, name, text, reason):
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.parametrize("corner", [-1, 42])
+def test_binary_files_with_corners_that_there_are_not_are_rejected(tmp_path, corner):
+    mesh = trimesh.creation.icosphere(subdivisions=1)
+    mesh.faces[7, 1] = corner
+    (tmp_path / "a.ply").write_bytes(mesh.export(file_type="ply", vertex_normal=False))
+    with pytest.raises(FormatError, match=r"a\.ply: face: expected corners among 42 vertices, found others"):
+        triangles_of(str(tmp_path / "a.ply"))
+
+
 @pytest.mark.parametrize(
     ("name", "text"),
     [

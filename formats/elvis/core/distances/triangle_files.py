@@ -62,6 +62,8 @@ def _indexed(name: str) -> Indexed:
         raise FormatError("expected triangles, found none", file=name)
     if vertices.shape[1:] != (3,):
         raise FormatError(f"expected three coordinates, found {vertices.shape[-1]}", file=name)
+    if triangles.min() < 0 or triangles.max() >= len(vertices):
+        raise FormatError(f"expected corners among {len(vertices)} vertices, found others", file=name, place="face")
     is_used = np.zeros(len(vertices), np.bool_)
     is_used[triangles] = True
     vertices = vertices[is_used]
