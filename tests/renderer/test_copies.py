@@ -26,6 +26,7 @@ from elvis import (
     from_arrays,
     integrate,
     render,
+    sample,
     write,
 )
 from elvis.core.isometries import Isometry
@@ -86,17 +87,44 @@ def mirrored():
     return dataset([(x, own), (reversed_nodes(x * [-1.0, 1.0, 1.0]), image)])
 
 
+def reflection(normal):
+    """Householder's matrix of a mirror."""
+    unit = np.array(normal) / np.linalg.norm(normal)
+    return np.eye(3) - 2 * np.outer(unit, unit)
+
+
+def rotation(axis, degrees):
+    """Rodrigues' matrix of a turn."""
+    x, y, z = np.array(axis) / np.linalg.norm(axis)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    angle = np.deg2rad(degrees)
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
+#: a mirror, four turns about an oblique axis, and two copies of all of these in a row
+COMBINED = {"mirror": "-0.3,0,0:1,-0.2,0.1", "turn": "0,-2.5,-2.5:1,0.3,-0.2:4", "repeat": "4.5,1,0:2"}
+
+
+def combined_maps():
+    """Matrix and translation of each copy."""
+    mirror, turns = reflection((1, -0.2, 0.1)), [rotation((1, 0.3, -0.2), 90 * number) for number in range(4)]
+    on_mirror, on_axis = np.array([-0.3, 0, 0]), np.array([0, -2.5, -2.5])
+    maps = [(np.eye(3), np.zeros(3)), (mirror, on_mirror - mirror @ on_mirror)]
+    maps = [(turn @ own, turn @ (shift - on_axis) + on_axis) for turn in turns for own, shift in maps]
+    return [(own, shift + step) for step in (np.zeros(3), np.array([4.5, 1, 0])) for own, shift in maps]
+
+
 @pytest.fixture(scope="module")
-def turned():
-    """The elements, turned by quarters about an axis, and all of these again above."""
+def combined():
+    """The elements of all copies, turned so that their maps keep the orientation."""
+    x, own = nodes(), values(nodes())
     parts = []
-    for above in (0.0, 2.0):
-        for cosine, sine in ((1, 0), (0, 1), (-1, 0), (0, -1)):
-            x, own = nodes() + np.array([0.5, 0.25, 0.0]), values(nodes())
-            places = np.stack([cosine * x[..., 0] - sine * x[..., 1], sine * x[..., 0] + cosine * x[..., 1]], axis=-1)
-            across = {"u": cosine * own["u"] - sine * own["v"], "v": sine * own["u"] + cosine * own["v"]}
-            middle = np.concatenate([places - [0.5, 0.25], x[..., 2:] + above], axis=-1)
-            parts.append((middle, own | across))
+    for matrix, shift in combined_maps():
+        places, velocity = x @ matrix.T + shift, np.stack([own[name] for name in "uvw"], axis=-1) @ matrix.T
+        fields = {**own, **{name: velocity[..., axis] for axis, name in enumerate("uvw")}}
+        if np.linalg.det(matrix) < 0:
+            places, fields = reversed_nodes(places), {name: reversed_nodes(field) for name, field in fields.items()}
+        parts.append((places, fields))
     return dataset(parts)
 
 
@@ -191,11 +219,28 @@ def test_turned_and_mirrored_copies_are_those_of_the_reference(data, field):
     check_reference(data, field, camera="iso", **options)
 
 
-@pytest.mark.parametrize("field", ["v", "vorticity_x"])
-def test_turned_and_repeated_copies_are_those_of_a_file(data, turned, field):
-    options = {"camera": Camera((3, -5, 4), (-0.5, 0, 1.3), fov=35.0), "size": 90, "faces": "all"}
-    ours = render(data, field, turn="-0.5,-0.25,0:z:4", repeat="0,0,2:2", **options)
-    compare(ours, render(turned, field, **options), 4)
+@pytest.mark.parametrize(
+    ("field", "drawn"),
+    [
+        ("v", {"faces": "all", "clip": "sphere:2,-2,-2:3.5"}),
+        ("d(v,z)+d(w,y)", {"isosurface": "p=1.1", "plane": "2,-2,-2:0.2,1,0.4", "clip": "sphere:2.5,-2,-2:2.5"}),
+    ],
+)
+def test_combined_copies_are_those_of_a_file(data, combined, field, drawn):
+    options = {"camera": Camera((14, -12, 9), (2.5, -1.5, -2), fov=38.0), "size": 100}
+    compare(render(data, field, **COMBINED, **options, **drawn), render(combined, field, **options, **drawn), 4)
+
+
+def test_numbers_of_combined_copies_are_those_of_a_file(combined, files):
+    words = [*(f"--{name}={own}" for name, own in COMBINED.items()), "--with-copies", "--json"]
+    asked = [word for text in ("u", "vorticity_x", "d(u,y)") for word in ("--field", text)]
+    points = np.array([np.array([0.3, 0.4, 0.5]) @ matrix.T + shift for matrix, shift in combined_maps()])
+    places = [f"--point={','.join(map(repr, point))}" for point in points.tolist()]
+    expected = sample(combined, asked[1::2], points)
+    for row, *own in zip(json.loads(run("probe", *files, *places, *asked, *words)), *expected.values.T, strict=True):
+        assert [row[text] for text in asked[1::2]] == pytest.approx(own, abs=1e-11)
+    for row in json.loads(run("integrate", *files, *asked, "--field", "x", *words)):
+        assert row["value"] == pytest.approx(integrate(combined, row["integrand"]).value, abs=1e-11)
 
 
 def test_invariant_quantities_are_recognized():

@@ -68,18 +68,21 @@ class Painter:
 
         cropped  reduces an array of all pixels to the picture
         """
+        nearest = _nearest_of_copies(drawn)
         for draw_call, hits in drawn:
             is_shown = bool((cropped(hits.owner) != NOBODY).any())
             level = np.array([draw_call.level] if is_shown else [], np.float64)
             self._shown |= {id(draw_call)} if is_shown else set()
             if draw_call.ghost is not None:
                 continue
-            self._note(draw_call.quantity, cropped(hits.field) if draw_call.level is None else level)
+            depth = nearest.get(draw_call.name)
+            field = hits.field if depth is None else np.where(hits.depth > depth, np.nan, hits.field)
+            self._note(draw_call.quantity, cropped(field) if draw_call.level is None else level)
             contours = draw_call.style.contours
             if contours and contours.count and self.of_contours(draw_call) != draw_call.quantity:
                 quantity = self.of_contours(draw_call)
-                there = self.stages.resampled(hits, "", draw_call.on_device(quantity))
-                self._note(quantity, cropped(there.field))
+                there = self.stages.resampled(hits, "", draw_call.on_device(quantity)).field
+                self._note(quantity, cropped(there if depth is None else np.where(hits.depth > depth, np.nan, there)))
 
     def noted(self, draw_calls: Sequence[DrawCall]) -> tuple[dict[str, tuple[float, float]], Bools]:
         """The recorded ranges of quantities, and (n,) which draw calls are visible."""
@@ -314,3 +317,15 @@ class Painter:
             and (draw_call.style.contours is None or draw_call.style.contours.count is None)
             for draw_call in draw_calls
         )
+
+
+def _nearest_of_copies(drawn: Drawn) -> dict[str, Floats]:
+    """Depths (n,) of the nearest hits on opaque surfaces of which there are copies, by name.
+
+    As on a surface of elements that are no copies, values that another part of it hides are not visible.
+    """
+    found: dict[str, Floats] = {}
+    for draw_call, hits in drawn:
+        if draw_call.copy is not None and draw_call.opacity == 1.0:
+            found[draw_call.name] = np.minimum(found.get(draw_call.name, np.inf), hits.depth)
+    return found
