@@ -262,6 +262,11 @@ def test_the_command(tmp_path, monkeypatch):
     text = (tmp_path / "p.svg").read_text()
     assert ">measured.csv<" in text
     assert ">x/c<" in text
+    # the axis may be named
+    named = [own.replace("p.svg", "q.svg") for own in plot]
+    named.insert(named.index("--reverse") + 1, "y")
+    assert CliRunner().invoke(elvis, [*words, *named]).exit_code == 0
+    (tmp_path / "q.svg").unlink()
     both = [*words, "--along", "section:all:plane:0,0,0.75:0,0,1", "--plot", "both.svg"]
     assert CliRunner().invoke(elvis, [*both, "-o", "both.csv"]).exit_code == 0
     with (tmp_path / "both.csv").open() as file:

@@ -392,7 +392,8 @@ def _notes(wanted: Sequence[Integrand]) -> Iterator[str]:
     """A message about forces with an unknown contribution."""
     forces = [each.text for each in wanted if each.text.startswith(("force_", "moment_")) and not each.expression.order]
     if forces:
-        yield f"no viscosity is known, so {', '.join(forces)} only include the pressure; write force(mu=…)"
+        verb = "include" if len(forces) > 1 else "includes"
+        yield f"no viscosity is known, so {', '.join(forces)} {verb} only the pressure; pass --set mu=…"
 
 
 def _lost(rows: Sequence[tuple[str, Sums]], wanted: Sequence[Integrand], terms: ConversionTerms) -> Iterator[str]:

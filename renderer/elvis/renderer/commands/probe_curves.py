@@ -129,7 +129,14 @@ def curve_options(command: Callable[..., None]) -> Callable[..., None]:
         help="Plot the values along each normal as a profile above its station: the height over x + SCALE value.",
     )
     @click.option("--x", "abscissa", metavar="COLUMN", help="Column of --along on the x axis.  [default: length]")
-    @click.option("--reverse", is_flag=True, help="Reverse the y axis of the plot, as is usual for Cp.")
+    @click.option(
+        "--reverse",
+        is_flag=False,
+        flag_value="y",
+        type=click.Choice(["y"]),
+        metavar="[y]",
+        help="Reverse the y axis of the plot, as is usual for Cp; the y may be left out.",
+    )
     @click.option(
         "--overlay",
         metavar="FILE.csv[:X,Y]",
@@ -144,12 +151,12 @@ def curve_options(command: Callable[..., None]) -> Callable[..., None]:
         speed: str | None,
         profiles: float | None,
         abscissa: str | None,
-        reverse: bool,
+        reverse: str | None,
         overlay: tuple[str, ...],
         **rest: Any,
     ) -> None:
         names = tuple(dict.fromkeys(along))
-        command(curves=ProbeCurves(names, chord, speed, Look(abscissa, reverse, overlay, profiles)), **rest)
+        command(curves=ProbeCurves(names, chord, speed, Look(abscissa, reverse is not None, overlay, profiles)), **rest)
 
     return parsed
 
