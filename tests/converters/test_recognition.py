@@ -69,6 +69,8 @@ FILES = {
     "empty": (b"", "an empty file"),
     "notes.txt": (b"Dear all,\n", "a text that begins 'Dear all,'"),
     "sensors.csv": (b"# x, y, u\n0,0,1\n", "a table of points: elvis convert --onto MESH"),
+    "scene.toml": (b'field = "p"\ndata = ["a.xml"]\n[reference]\nmu = 1\n', "a scene, which only render, view"),
+    "scene.json": (b'{"data": ["a.xml"]}', "a scene, which only render, view"),
     "a.bin": (b"\x01\x02\0\x04abcdefgh", r"a binary file that begins b'.x01"),
 }
 

@@ -1,6 +1,7 @@
 """Reference values of a flow: from the command line, a scene, a file next to the data, or the solver."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -83,6 +84,8 @@ def test_scenes_have_them(folder):
     scene = Scene(data=("a.xml", "a.fld"), field="mu*y", reference=Reference(mu=8.0), size=(12, 12))
     frame = render(scene, device="reference")
     assert np.nanmax(frame.field) == pytest.approx(8, rel=0.1)
+    in_memory = render(read("a.xml", "a.fld"), scene=replace(scene, data=()), device="reference")
+    assert np.array_equal(in_memory.field, frame.field, equal_nan=True)
     (folder / "s.toml").write_text('data = ["a.xml", "a.fld"]\nfield = "mu"\n[reference]\nmu = 8.0\n')
     size = ("--size", "12x12", "--device", "reference", "--range", "0:9")
     for words, value in ((("s.toml",), 8), (("s.toml", "--set", "mu=5"), 5)):

@@ -7,7 +7,7 @@ import pytest
 from driving import PATIENCE, picture, settled
 from test_page import as_rendered
 
-from elvis import Copies, Dataset, Deform, Plane, Repeat, Scene, Shape, write
+from elvis import Copies, Dataset, Deform, Plane, Reference, Repeat, Scene, Shape, write
 from elvis.core.mesh import PERIODIC
 from elvis.core.testing import approximated, grid
 from elvis.viewer.drawing_process import _Drawing
@@ -39,6 +39,19 @@ def test_lines_of_values_belong_to_the_scale_and_the_phase(drawing):
         found = process.answer("line", 0, content)
         assert np.allclose(found["values"][0], 0.25, atol=1e-12)
         assert np.allclose(found["values"][1], (moved - 0.25) / scale, atol=1e-12)
+
+
+def test_reference_values_of_a_scene_reach_the_viewer(tmp_path):
+    """They outdo those of the file next to the data, for data that the scene names and for data in memory."""
+    data = Dataset(grid(Shape.QUADRILATERAL, 1))
+    data = replace(data, fields=(approximated(data, "p", FUNCTIONS["E_im"], 3),))
+    files = tuple(map(str, write(data, tmp_path / "a.xml")))
+    (tmp_path / "a.elvis.toml").write_text("[reference]\nmu = 3\nu_ref = 5\n")
+    scene = Scene("mu*p", data=files, reference=Reference(mu=8.0), device="reference")
+    for source, quantity, factor in ((source_of(scene), "mu*u_ref*p", 40), (source_of(scene, data), "mu*p", 8)):
+        content = {"quantities": [quantity], "start": [0.25, 0.2, 0.0], "end": [0.25, 0.8, 0.0]}
+        found = _Drawing(source, None).answer("line", 0, content)
+        assert np.allclose(found["values"][0], factor * 0.25, atol=1e-12)
 
 
 @pytest.mark.thorough

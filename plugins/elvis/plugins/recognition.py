@@ -36,6 +36,11 @@ _BEGINNINGS: Sequence[tuple[bytes, str]] = (
         rb"(?i)#?\s*(\w+\s*,\s*)?[xyz]\s*,\s*\w+",
         "a table of points: elvis convert --onto MESH interpolates its values onto a mesh",
     ),
+    (
+        rb"""(?s)(.*?^)?[\s{]*"?data"?\s*[=:]\s*["'\[]""",
+        "a scene, which only render, view, animate and compare read: pass the data files that it names, and its "
+        "[reference] as --set NAME=VALUE",
+    ),
     (rb"CDF[\x01\x02\x05]", "a netCDF file without elements of Exodus"),
     (rb"(?s)(<\?xml.*?)?<Xdmf", "an XDMF file, which names others: save an unstructured grid (.vtu) in ParaView"),
     (rb"(?s)(<\?xml.*?)?<(\w+)", "an XML file with another root"),

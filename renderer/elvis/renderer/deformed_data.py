@@ -1,13 +1,14 @@
-"""Data in the state that a scene asks for: complex fields at its phase, and its geometry."""
+"""Data in the state that a scene asks for: its reference values, complex fields at its phase, and its geometry."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 from elvis.core.complex_fields import ComplexChoice, named_pairs
 from elvis.core.dataset import Dataset
 from elvis.core.height_walls import height_walls
+from elvis.core.quantities.reference_values import over
 from elvis.plugins.deforming import is_deformed, with_deformation
 from elvis.plugins.opening import PluginData
 from elvis.plugins.phases import with_complexes, without_phase
@@ -30,25 +31,38 @@ class DeformedData:
 
     data: Dataset | PluginData
     is_whole: bool
-    _last: tuple[State, Dataset] | None = None
+    _referred: Dataset | None = None
+    _last: tuple[Dataset, State, Dataset] | None = None
     _ghost: tuple[State, float | None, Dataset] | None = None
     _walls: tuple[Dataset, Dataset | None] | None = None
 
     def of(self, scene: Scene) -> Dataset | PluginData:
         """The data in the state of a scene; SceneError if they can't have it."""
+        data = self._with_reference(scene)
         if scene.deform is None and not scene.complexes:
-            return self.data
-        if not isinstance(self.data, Dataset):
+            return data
+        if not isinstance(data, Dataset):
             key = "phase" if scene.deform is None else "deform"
-            raise SceneError(f"{key}: expected fields of files, found data of plugin {self.data.name}: remove {key}")
-        if self._is_in(self.data, scene):
-            return self.data
+            raise SceneError(f"{key}: expected fields of files, found data of plugin {data.name}: remove {key}")
+        if self._is_in(data, scene):
+            return data
         if not self.is_whole:
             raise SceneError("deform, phase: data read in parts cannot change these: open the data with them")
         state = scene.complexes, scene.deform
-        if self._last is None or self._last[0] != state:
-            self._last = state, self._in_state(self.data, *state)
-        return self._last[1]
+        if self._last is None or self._last[0] is not data or self._last[1] != state:
+            self._last = data, state, self._in_state(data, *state)
+        return self._last[2]
+
+    def _with_reference(self, scene: Scene) -> Dataset | PluginData:
+        """The data with the reference values of a scene; the same object for the same values."""
+        if not isinstance(self.data, Dataset):
+            return self.data
+        wanted = over(self.data.reference, scene.reference.values)
+        if wanted == self.data.reference:
+            return self.data
+        if self._referred is None or self._referred.reference != wanted:
+            self._referred = replace(self.data, reference=wanted)
+        return self._referred
 
     def ghosts(self, scene: Scene) -> dict[str, Dataset]:
         """Geometries that a scene draws next to the data, by name; the same objects for the same geometries.
@@ -90,8 +104,9 @@ class DeformedData:
         """
         state = scene.complexes, deform.at_rest
         if self._ghost is None or self._ghost[:2] != (state, scene.time):
-            assert isinstance(self.data, Dataset)
-            self._ghost = state, scene.time, timed(self._in_state(self.data, *state), scene.time)
+            data = self._with_reference(scene)
+            assert isinstance(data, Dataset)
+            self._ghost = state, scene.time, timed(self._in_state(data, *state), scene.time)
         return self._ghost[2]
 
     @staticmethod
