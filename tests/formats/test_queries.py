@@ -90,3 +90,9 @@ def test_binary_files_are_rejected(tmp_path, content):
     (tmp_path / "points.csv").write_bytes(content)
     with pytest.raises(FormatError, match="expected columns x, y, z or numbers"):
         points_in_table(tmp_path / "points.csv")
+
+
+def test_tables_have_at_most_a_million_columns(tmp_path):
+    (tmp_path / "a.csv").write_text("x,y" + ",z" * 1_000_000)
+    with pytest.raises(FormatError, match=r"line 1: expected at most 1000000 columns, found 1000002"):
+        points_in_table(tmp_path / "a.csv")

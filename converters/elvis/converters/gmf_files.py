@@ -15,6 +15,7 @@ import numpy as np
 
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
+from elvis.core.files.pieces import substituted
 from elvis.core.files.plain import content, leading
 
 #: kinds of elements: vertices, dimension, letter before the order, numbers of an entry of an ordering table
@@ -29,6 +30,8 @@ ELEMENTS: dict[str, tuple[int, int, str, int]] = {
 }
 
 _HIGHEST = 4
+_COMMENT = re.compile(rb"#[^\n]*")
+_LINE_END = re.compile(rb"\n")
 
 #: numbers of nodes by order
 _NODES: dict[str, tuple[int, ...]] = {
@@ -250,7 +253,7 @@ class _Text:
 
     def __init__(self, file: GmfFile, raw: bytes) -> None:
         self.file, self.at = file, 0
-        self.words = re.sub(rb"#[^\n]*", b"", raw).split()
+        self.words = substituted(_COMMENT, b"", raw, _LINE_END).split()
         version, dimension = self._integer_after(b"MeshVersionFormatted"), self._integer_after(b"Dimension")
         file.declare(version, dimension)
         starts = [i for i, word in enumerate(self.words) if word[:1].isalpha() and word.lower() not in (b"nan", b"inf")]

@@ -40,6 +40,10 @@ def first_line(path: Path) -> str:
 
 
 #: beginnings of texts of other programs that the library reads: Netgen in two and three dimensions, and TrueGrid
+#: a named set of attributes, their number first
+_SET = re.compile(r'\s*"([^"]*)"([\s\d]+)')
+#: digits of an attribute
+_MOST_DIGITS = 10
 _FOREIGN = {"areamesh2", "curved_areamesh2", "NETGEN", "NETGEN_Neutral_Format", "TrueGrid", "linemesh"}
 
 
@@ -196,13 +200,17 @@ def header(path: Path) -> str:
 
 def named_attributes(text: str, section: str) -> dict[int, tuple[str, ...]]:
     """Names of attributes: of all sets that hold each, which version 1.3 lists, smaller sets first."""
-    words = re.search(rf'(?m)^{section}\s+(\d+)((?:\s+"[^"]*"(?:\s+\d+)+)*)', text)
-    sets = re.findall(r'"([^"]*)"((?:\s+\d+)+)', words[2] if words else "")
-    names: dict[int, tuple[str, ...]] = {}
+    header = re.search(rf"(?m)^{section}\s+\d+", text)
+    sets, at = [], header.end() if header else len(text)
+    while found := _SET.match(text, at):
+        sets.append((found[1], found[2]))
+        at = found.end()
+    names: dict[int, list[str]] = {}
     for name, numbers in sorted(sets, key=lambda own: len(own[1].split())):
-        for number in set(numbers.split()[1:]):
-            names[int(number)] = (*names.get(int(number), ()), name)
-    return names
+        for word in set(numbers.split()[1:]):
+            if len(word) <= _MOST_DIGITS:
+                names.setdefault(int(word), []).append(name)
+    return {number: tuple(own) for number, own in names.items()}
 
 
 def rounding(text: str) -> float:

@@ -117,7 +117,9 @@ def sorted_columns(numbers: Ints) -> Ints:
     """(k, n) numbers with each column sorted, k at most 4, by a sorting network applied to all columns at once."""
     result = np.array(numbers, order="C")
     for low, high in _EXCHANGES[len(numbers)]:
-        result[low], result[high] = np.minimum(result[low], result[high]), np.maximum(result[low], result[high])
+        smaller = np.minimum(result[low], result[high])
+        np.maximum(result[low], result[high], out=result[high])
+        result[low] = smaller
     return result
 
 

@@ -7,6 +7,7 @@ import io
 import itertools
 import re
 import sys
+from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,8 @@ from elvis.core.errors import FormatError
 from elvis.core.files.plain import content
 
 AXES = ("x", "y", "z")
+#: columns of a table, at most: each cell of a line is a text
+MAX_COLUMNS = 1_000_000
 #: columns of tables by ``elvis probe`` that are no values
 _BOOKKEEPING = ("point", "element", "status")
 #: the points of Nektar++'s .pts files
@@ -63,7 +66,7 @@ def points_in_table(path: str | Path) -> Floats:
         names, rows_of_pts = _pts_columns(path, pts)
         count = sum(axis in names for axis in AXES)
         return np.pad(rows_of_pts[:, :count], ((0, 0), (0, 3 - count)))
-    rows = _rows(text)
+    rows = _rows(path, text)
     first = next(rows, None)
     if first is None:
         raise FormatError("expected at least one point, found none", file=path)
@@ -71,7 +74,7 @@ def points_in_table(path: str | Path) -> Floats:
     # A first line with a cell that is not a number is the header
     place, cells = first
     columns = {name: i for i, name in enumerate(AXES[: len(cells)])}
-    points: list[list[float]] = []
+    points = array("d")
     is_headed = any(_number(cell) is None for cell in cells)
     if is_headed:
         columns = _columns(path, place, cells)
@@ -80,12 +83,13 @@ def points_in_table(path: str | Path) -> Floats:
             raise FormatError(
                 f"expected at most 3 columns without a header, found {len(cells)}", file=path, place=place
             )
-        points.append(_point(path, place, cells, columns, len(cells)))
+        points.extend(_point(path, place, cells, columns, len(cells)))
 
     numbers = _plain_numbers(text, is_headed, len(cells))
     if numbers is None:
-        points += [_point(path, place, row, columns, len(cells)) for place, row in rows]
-        numbers = np.array(points).reshape(len(points), len(columns))
+        for place, row in rows:
+            points.extend(_point(path, place, row, columns, len(cells)))
+        numbers = np.array(points).reshape(-1, len(columns))
     else:
         numbers = numbers[:, list(columns.values())]
     table = np.zeros((len(numbers), 3))
@@ -137,17 +141,17 @@ def _header_and_rows(path: str | Path, text: str) -> tuple[list[str], Floats]:
     first = next((i for i, line in enumerate(lines) if line.lstrip("# ")), len(lines))
     if first == len(lines):
         raise FormatError("expected a header and rows of numbers, found an empty file", file=path)
-    names = _cells(lines[first].lstrip("# "))
+    names = _cells(lines[first].lstrip("# "), path, f"line {first + 1}")
     names = [name.lower() if name.lower() in AXES else name for name in names]
-    rows = []
+    rows = array("d")
     for number, line in enumerate(lines[first + 1 :], first + 2):
         if not line or line.startswith("#"):
             continue
-        cells = [_number(cell) for cell in _cells(line)]
+        cells = [_number(cell) for cell in _cells(line, path, f"line {number}")]
         if len(cells) != len(names) or None in cells:
             raise FormatError(f"expected {len(names)} numbers, found {line[:60]}", file=path, place=f"line {number}")
-        rows.append(cells)
-    return names, np.array(rows, np.float64).reshape(len(rows), len(names))
+        rows.extend(cell for cell in cells if cell is not None)
+    return names, np.array(rows, np.float64).reshape(-1, len(names))
 
 
 def _pts_columns(path: str | Path, found: re.Match[str]) -> tuple[list[str], Floats]:
@@ -194,19 +198,20 @@ def pairs_in_table(text: str) -> Floats:
     path, colon, chosen = text.rpartition(":")
     if not colon or not path or "," not in chosen:
         path, chosen = text, "1,2"
-    rows = list(_rows(_text(path)))
-    is_headed = bool(rows) and any(_number(cell) is None for cell in rows[0][1])
-    header = rows[0][1] if is_headed else []
+    rows = _rows(path, _text(path))
+    first = list(itertools.islice(rows, 1))
+    is_headed = any(_number(cell) is None for _, cells in first for cell in cells)
+    header = first.pop()[1] if is_headed else []
     columns = [_column(path, name.strip(), header) for name in chosen.split(",", 1)]
-    found = []
-    for place, cells in rows[is_headed:]:
+    found = array("d")
+    for place, cells in itertools.chain(first, rows):
         numbers = [_number(cells[column]) if column < len(cells) else None for column in columns]
         if None in numbers:
             raise FormatError(f"expected numbers in columns {chosen}, found {', '.join(cells)}", file=path, place=place)
-        found.append(numbers)
+        found.extend(own for own in numbers if own is not None)
     if not found:
         raise FormatError("expected at least one row of numbers, found none", file=path)
-    return np.array(found, np.float64)
+    return np.array(found, np.float64).reshape(-1, 2)
 
 
 def _column(path: str, name: str, header: list[str]) -> int:
@@ -223,16 +228,20 @@ def _text(path: str | Path) -> str:
     return sys.stdin.read() if str(path) == "-" else content(path).decode("utf-8-sig", "replace")
 
 
-def _rows(text: str) -> Iterator[tuple[str, list[str]]]:
+def _rows(path: str | Path, text: str) -> Iterator[tuple[str, list[str]]]:
     """The line number, in words, and the cells of each line that holds some."""
     for number, line in enumerate(io.StringIO(text, newline=None), 1):
         stripped = line.strip()
         if stripped and not stripped.startswith("#"):
-            yield f"line {number}", _cells(stripped)
+            yield f"line {number}", _cells(stripped, path, f"line {number}")
 
 
-def _cells(line: str) -> list[str]:
+def _cells(line: str, path: str | Path, place: str) -> list[str]:
+    """The texts in a line."""
     separator = _separator(line)
+    count = 1 + line.count(separator or " ")
+    if count > MAX_COLUMNS:
+        raise FormatError(f"expected at most {MAX_COLUMNS} columns, found {count}", file=path, place=place)
     if separator and '"' in line:
         return next(csv.reader([line], delimiter=separator, skipinitialspace=True))
     return [cell.strip() for cell in line.split(separator)]

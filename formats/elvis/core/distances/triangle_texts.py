@@ -17,6 +17,7 @@ import numpy as np
 
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
+from elvis.core.files.pieces import substituted
 
 #: vertices (n, 3), and triangles (m, 3) of them
 Indexed = tuple[Floats, Ints]
@@ -26,8 +27,6 @@ _OBJ_CONTINUED = re.compile(rb"\\\r?\n")
 #: indices of texture coordinates and normals
 _OBJ_OTHERS = re.compile(rb"/[^ \t\n]*")
 _BLANK = re.compile(rb"[ \t\n]")
-#: bytes in which regular expressions make objects for each match
-_PIECE = 1 << 18
 
 _STL_NAME = re.compile(rb"^[ \t]*(?:end)?solid\b[^\n]*", re.MULTILINE | re.IGNORECASE)
 _STL_VERTEX = re.compile(rb"\bvertex\s+(\S+)\s+(\S+)\s+(\S+)", re.IGNORECASE)
@@ -65,23 +64,13 @@ def _obj(raw: bytes) -> Indexed:
     raw = _OBJ_CONTINUED.sub(b" ", raw) if b"\\" in raw else raw
     vertices = _vertices(found[2] for found in _OBJ_LINE.finditer(raw) if found[1] == b"v")
     text = b"".join(found[2] + b"\n" for found in _OBJ_LINE.finditer(raw) if found[1] == b"f")
-    text = b"".join(_OBJ_OTHERS.sub(b"", piece) for piece in _pieces(text)) if b"/" in text else text
+    text = substituted(_OBJ_OTHERS, b"", text, _BLANK) if b"/" in text else text
     indices, counts = _rows(text)
     if indices.size and indices.min() < 0:
         kinds = np.frombuffer(b"".join(found[1] for found in _OBJ_LINE.finditer(raw)), np.uint8)
         before = np.cumsum(kinds == ord("v"))[kinds == ord("f")]
         indices = np.where(indices < 0, np.repeat(before, counts) + indices + 1, indices)
     return vertices, _fans(indices - 1, np.cumsum(counts) - counts, counts, len(vertices))
-
-
-def _pieces(text: bytes) -> Iterator[bytes]:
-    """The text in pieces that end with a blank or a line."""
-    start = 0
-    while start < len(text):
-        found = _BLANK.search(text, min(start + _PIECE, len(text)))
-        stop = found.end() if found else len(text)
-        yield text[start:stop]
-        start = stop
 
 
 def _is_binary_stl(raw: bytes) -> bool:

@@ -77,15 +77,14 @@ def _from_solids(elements: Mapping[Shape, Ints]) -> tuple[dict[Shape, Entities],
         ]
         if not sides:
             continue
-        vertices = [elements[shape][:, list(face)] for shape, _, face in sides]
-        stacked = np.concatenate(vertices)
+        stacked = np.concatenate([elements[shape][:, list(face)] for shape, _, face in sides])
         first, which = distinct_rows(stacked)
         faces[kind] = stacked[first]
 
         # faces of one element lie on the boundary
         uses = np.bincount(which)
         outer.append(offset + np.flatnonzero(uses == 1))
-        numbers = _split(offset + which, [len(rows) for rows in vertices])
+        numbers = _split(offset + which, [len(elements[shape]) for shape, _, _ in sides])
         for (shape, i, _), own in zip(sides, numbers, strict=True):
             faces_of[shape][:, i] = own
         offset += len(first)

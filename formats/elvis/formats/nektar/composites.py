@@ -6,8 +6,6 @@ import re
 from collections.abc import Iterable
 from dataclasses import replace
 
-import numpy as np
-
 from elvis.core.arrays import Ints
 from elvis.core.errors import FormatError
 from elvis.core.mesh import Composite, Mesh
@@ -21,16 +19,21 @@ _TAGS = b"VESFTQAPRH"
 
 
 def parse_tokens(text: bytes) -> tuple[tuple[str, IdList], ...]:
-    """The tokens of a composite; raises FormatError if there is anything else, or an unknown tag."""
-    found, end = [], 0
+    """The ids in a composite by tag; raises FormatError if there is anything else, or an unknown tag."""
+    lists, end = dict[bytes, list[bytes]](), 0
     for token in _TOKEN.finditer(text):
         _check_blank(text[end : token.start()])
         if token[1] not in _TAGS:
             raise FormatError(f"expected one of the tags {_TAGS.decode()}, found {token[1].decode()}")
-        found.append((token[1].decode(), numbers.parse_ids(token[2])))
+        lists.setdefault(token[1], []).append(token[2])
         end = token.end()
     _check_blank(text[end:])
-    return tuple(found)
+    return tuple((tag.decode(), _joined(ids)) for tag, ids in lists.items())
+
+
+def _joined(lists: Iterable[bytes]) -> IdList:
+    """The ids of all lists: a composite may name a million elements one by one."""
+    return numbers.parse_ids(b",".join(ids for ids in lists if ids.strip()))
 
 
 def _check_blank(text: bytes) -> None:
@@ -45,10 +48,8 @@ def format_tokens(parts: Iterable[tuple[str, Ints]]) -> str:
 
 def composite_ids(text: bytes) -> IdList:
     """The list in ``C[…]``; several tokens and a bare list are understood as well."""
-    lists = [numbers.parse_ids(ids) for _, ids in _TOKEN.findall(text)]
-    if not lists:
-        return numbers.parse_ids(text)
-    return IdList(np.concatenate([ids.first for ids in lists]), np.concatenate([ids.last for ids in lists]))
+    lists = [ids for _, ids in _TOKEN.findall(text)]
+    return _joined(lists) if lists else numbers.parse_ids(text)
 
 
 def read_composites(section: Element | None) -> tuple[RawComposite, ...]:

@@ -162,7 +162,7 @@ def _refer(match: re.Match[str]) -> str:
 
 def _without_comments(data: Buffer, file: str) -> bytes:
     """The document with comments blanked (line ends stay) and CDATA sections turned into escaped text."""
-    pieces: list[bytes | memoryview] = []
+    cleaned = bytearray()
     view, position = memoryview(data), 0
     while found := _SPECIAL.search(data, position):
         is_comment = found[0] == b"<!--"
@@ -171,10 +171,11 @@ def _without_comments(data: Buffer, file: str) -> bytes:
             raise FormatError(f"the file ends inside {_decode(found[0])}", file=file, place=f"byte {found.start()}")
         inner = bytes(view[found.end() : end])
         kept = b"\n" * inner.count(b"\n") if is_comment else inner.replace(b"&", b"&amp;").replace(b"<", b"&lt;")
-        pieces += [view[position : found.start()], kept]
+        cleaned += view[position : found.start()]
+        cleaned += kept
         position = end + 3
-    pieces.append(view[position:])
-    return b"".join(pieces)
+    cleaned += view[position:]
+    return bytes(cleaned)
 
 
 def _without_unknown(data: Buffer) -> bytes:

@@ -172,10 +172,9 @@ def _outer_sides(blocks: Sequence[NativeBlock], vertices: Sequence[Ints]) -> Ite
             by_corners.setdefault(len(local), []).append((i, side, local))
 
     for views in by_corners.values():
-        tables = [vertices[i][:, list(local)] for i, _, local in views]
-        _, which = distinct_rows(np.concatenate(tables))
+        _, which = distinct_rows(np.concatenate([vertices[i][:, list(local)] for i, _, local in views]))
         is_single = (np.bincount(which) == 1)[which]
-        ends = np.cumsum([len(table) for table in tables])[:-1]
+        ends = np.cumsum([len(vertices[i]) for i, _, _ in views])[:-1]
         for (i, side, _), part in zip(views, np.split(is_single, ends), strict=True):
             rows = np.flatnonzero(part)
             yield i, rows, np.full(len(rows), side)

@@ -76,6 +76,7 @@ def topology(source: Converter, is_collapsed: Callable[[int], bool]) -> Topology
     places = [_corner_places(source, block) for block in blocks]
     tolerance = merging_tolerance(places, source.precision, neighbours)
     numbers, which, vertices = _vertices(blocks, places, tolerance)
+    del places
     is_planar = not vertices[:, 2].any()
     drafts = []
     for number, (block, own) in enumerate(zip(blocks, which, strict=True)):
@@ -148,6 +149,8 @@ def _corner_places(source: Converter, block: Elements) -> Floats:
         raise ElvisError(
             f"{block.shape.label.lower()} {name}: expected finite coordinates, found {len(wrong)} elements without"
         )
+    if found.shape[2] == 3:
+        return found
     places = np.zeros((*found.shape[:2], 3))
     places[:, :, : found.shape[2]] = found
     return places
@@ -162,7 +165,8 @@ def _vertices(
         for b, p in zip(blocks, places, strict=True)
     ]
     stacked = np.concatenate(numbers)
-    vertex, where = merge_vertices(stacked, np.concatenate([p.reshape(-1, 3) for p in places]), tolerance)
+    corners = [p.reshape(-1, 3) for p in places]
+    vertex, where = merge_vertices(stacked, np.concatenate(corners) if len(corners) > 1 else corners[0], tolerance)
     own = np.full(len(where), -1)
     own[vertex] = stacked
     parts = np.split(vertex, np.cumsum([len(part) for part in numbers])[:-1])

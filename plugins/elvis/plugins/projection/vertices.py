@@ -25,7 +25,9 @@ def merge_vertices(numbers: Ints, corners: Floats, tolerance: float) -> tuple[In
         vertex = clusters(corners, tolerance)
         return vertex, corners[groups(vertex)[0]]
     first, which = groups(numbers)
-    apart = np.abs(corners - corners[first][which]).max(axis=1, initial=0) > tolerance
+    apart = np.zeros(len(numbers), np.bool_)
+    for column in corners.T:
+        apart |= np.abs(column - column[first][which]) > tolerance
     unsure = (numbers < 0) | np.isin(which, which[apart])
     if not unsure.any():
         return which, corners[first]
