@@ -138,12 +138,15 @@ def twelve(dimension: int, cells: int) -> list[Manufactured]:
     return [plane(own, direction, cells) if own.exponent is None else radial(own, dimension, cells) for own in PROFILES]
 
 
-def approximated(dataset: Dataset, value: Function, order: int) -> Dataset:
-    """The dataset with the best approximation u of a function on each element."""
+def approximated(dataset: Dataset, value: Function, order: int, extra: int | None = None) -> Dataset:
+    """The dataset with the best approximation u of a function on each element.
+
+    extra  points in each direction beyond those for polynomials
+    """
     blocks = []
     for own in geometry(dataset):
         expansion = modified(own.expansion.shape, (order + 1,) * own.expansion.shape.dimension)
-        operator = best(expansion, EXTRA[expansion.shape.dimension])
+        operator = best(expansion, extra or EXTRA[expansion.shape.dimension])
         parts = []
         for part in _batches(own):
             places = np.swapaxes(evaluate(own.expansion, own.coefficients[part], operator.points), 1, 2)

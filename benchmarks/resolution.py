@@ -19,7 +19,7 @@ from manufactured import PROFILES, Manufactured, Profile, approximated, plane, t
 from tables import Table, seconds
 
 from elvis import Dataset, Shape, read
-from elvis.core.arrays import Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Block, Field
 from elvis.core.geometry import geometry
 from elvis.core.mapping.orientation import local_vertices
@@ -27,6 +27,7 @@ from elvis.core.mapping.projections import rule
 from elvis.core.norms import quantity_norms
 from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.quantities import Expression
+from elvis.core.resolution.decay_rates import decay_rates
 from elvis.core.resolution.element_resolution import element_resolution
 from elvis.core.resolution.gradient_errors import gradient_errors
 from elvis.core.resolution.low_order_errors import with_neighbours
@@ -44,11 +45,15 @@ GRADIENT_CELLS = {1: 60, 2: 10, 3: 5}
 DECAY_ORDERS = (5, 7, 9)
 HIGHEST = {1: 9, 2: 9, 3: 7}
 WORST_ORDERS = (2, 4, 6)
-GRADIENT_ORDERS = (1, 2, 3, 4)
+GRADIENT_ORDERS = (1, 2, 3)
 #: levels that a rate is fitted to
 FITTED = 6
 #: places of layers and shocks in an element
 PLACES = np.linspace(-0.46, 0.46, 12)
+#: points in each direction for projections of shocks beyond those for polynomials, by dimension
+SHOCK_POINTS = {1: 40, 2: 40, 3: 32}
+#: points in each direction for exact spectra of smooth fields, and of shocks, in the plane and in space
+EXACT_POINTS = (24, 40)
 #: share of the elements that are the worst
 SHARE = 0.05
 #: part of the least of the truly worst errors from which an element counts as one of the worst
@@ -99,13 +104,15 @@ def decay(shape: Shape, number: int, orders: Sequence[int]) -> float:
     """Median of the quotients of decay rates and theory, at the order at which it is farthest from 1.
 
     The field depends on x.  Layers and shocks are measured on the elements that contain them, at several places;
-    corners on those that touch the plane x = 0.  NaN for orders that take too long in space.
+    corners on those that touch the plane x = 0.  The law of a shock is that of the mean spectrum over its places in the
+    element, so that its rate is that of this mean.  NaN for orders that take too long in space.
     """
     if max(orders) > HIGHEST[shape.dimension]:
         return np.nan
     profile, cells = PROFILES[number], DECAY_CELLS[shape.dimension]
     dataset = Dataset(grid(shape, cells))
-    medians = [float(np.median(_quotients(dataset, profile, cells, order))) for order in orders]
+    measured = _quotients_of_means if profile.kind == "shock" else _quotients
+    medians = [float(np.median(measured(dataset, profile, cells, order))) for order in orders]
     return max(medians, key=lambda median: abs(median - 1))
 
 
@@ -113,7 +120,7 @@ def _quotients(dataset: Dataset, profile: Profile, cells: int, order: int) -> Fl
     """Quotients (n,) of decay rates and theory."""
     axis = np.array([1.0, 0.0, 0.0])
     at_corner = profile.exponent is not None
-    spectra = _Spectra(dataset, order)
+    spectra = _Spectra(dataset, order, EXACT_POINTS[0])
     rates, energies, held = [], [], []
     for place in [-cells / 2] if at_corner else PLACES:
         made = plane(profile, axis, cells, float(place))
@@ -131,6 +138,39 @@ def _quotients(dataset: Dataset, profile: Profile, cells: int, order: int) -> Fl
     return np.asarray(own[is_used] / theory[is_used])
 
 
+def _quotients_of_means(dataset: Dataset, profile: Profile, cells: int, order: int) -> Floats:
+    """Quotients (n,) of decay rates and theory, of mean spectra over places and elements of one form."""
+    axis, spectra = np.array([1.0, 0.0, 0.0]), _Spectra(dataset, order, EXACT_POINTS[1])
+    found, exact, held = [], [], []
+    for place in PLACES:
+        made = plane(profile, axis, cells, float(place))
+        own = approximated(dataset, made.value, order, SHOCK_POINTS[dataset.mesh.dimension])
+        found.append(_along_x(own))
+        exact.append(spectra.energies(made))
+        low, high = spectra.ends(cells, float(place))
+        held.append((low < 0) & (high > 0))
+    energies, is_used = np.array(found), np.array(held)
+    theory = spectra.slopes(np.array(exact), is_used)
+    quotients = []
+    for members in spectra.forms:
+        chosen = energies[is_used & members]
+        if len(chosen):
+            mean = (chosen / chosen.sum(axis=1, keepdims=True)).mean(axis=0)
+            quotients.append(decay_rates(mean[None], EXACT)[0] / theory[members][0])
+    return np.array(quotients)
+
+
+def _along_x(dataset: Dataset) -> Floats:
+    """(n, p + 1) energies of the levels of the factor of the basis that has the first direction."""
+    (block,) = dataset.field("u").blocks
+    basis = modal_basis(block.expansion)
+    squares = basis.modal(block.coefficients) ** 2
+    (axis,) = (number for number, own in enumerate(basis.factors, 1) if 0 in own.directions)
+    others = tuple(number for number in range(1, squares.ndim) if number != axis)
+    levels = basis.factors[axis - 1].levels
+    return np.asarray(squares.sum(axis=others) @ (levels[:, None] == np.arange(levels.max() + 1)))
+
+
 def _pole_rates(low: Floats, high: Floats, order: int, pole: complex, exponent: float) -> Floats:
     """(n,) rates on intervals: modes fall like k^-exponent rho^-k, rho the sum of the half axes of an ellipse.
 
@@ -146,9 +186,9 @@ def _pole_rates(low: Floats, high: Floats, order: int, pole: complex, exponent: 
 class _Spectra:
     """Exact spectra of functions of x on elements: in polynomials of x that are orthogonal on the element."""
 
-    def __init__(self, dataset: Dataset, order: int) -> None:
+    def __init__(self, dataset: Dataset, order: int, points: int) -> None:
         (own,) = geometry(dataset)
-        self._points, weights = rule(own.expansion.shape, 3 * order + 10 if own.expansion.shape.dimension == 1 else 24)
+        self._points, weights = rule(own.expansion.shape, points if own.expansion.shape.dimension > 1 else 2 * points)
         world = evaluate(own.expansion, own.coefficients, self._points)
         self._places = np.swapaxes(world, 1, 2)
         self._roots, self._order = np.sqrt(weights / weights.sum()), order
@@ -156,6 +196,11 @@ class _Spectra:
         self._low, self._high = corners.min(axis=1), corners.max(axis=1)
         relative = np.sort(corners - self._low[:, None], axis=1)
         _, self._group = np.unique(np.round(relative, 9), axis=0, return_inverse=True)
+
+    @property
+    def forms(self) -> list[Bools]:
+        """For each form of elements, (n,) which elements have it."""
+        return [self._group == group for group in np.unique(self._group)]
 
     def ends(self, cells: int, place: float) -> tuple[Floats, Floats]:
         """Values (n,) of t at the ends of the elements."""
@@ -173,8 +218,7 @@ class _Spectra:
         """(n,) rates of the mean energies (places, n, p + 1) over places and elements of one form."""
         levels = np.arange(max(1, self._order - FITTED + 1), self._order + 1)
         found = np.full(len(self._low), np.nan)
-        for group in np.unique(self._group):
-            members = self._group == group
+        for members in self.forms:
             own = energies[is_used & members]
             if len(own):
                 mean = (own / own.sum(axis=1, keepdims=True)).mean(axis=0)

@@ -171,7 +171,7 @@ def test_expressions_follow_mathematics(text, value):
         ("x y", "character 3: expected an operator, found 'y'"),
         ("x+", "expected a number, a name or (, found its end"),
         ("2*sin", "character 3: expected ( after sin"),
-        ("min(x)", "expected ) after 2 operands"),
+        ("min(x)", "expected 2 operands, found 1"),
         (
             "2*uu",
             "character 3: there is no 'uu' (perhaps u); the fields are u, v, w, rho, rho u, E; there are also x, y, z, "

@@ -111,8 +111,11 @@ class Grammar(ABC, Generic[Value]):
         values = [self._sum()]
         while self._take(","):
             values.append(self._sum())
+        wanted = "one operand" if count == 1 else f"{count} operands"
+        if len(values) != count and self._token()[1] == ")":
+            raise self._mistaken(f"expected {wanted}, found {len(values)}", self._next)
         if len(values) != count or not self._take(")"):
-            raise self._unexpected(") after " + ("one operand" if count == 1 else f"{count} operands"))
+            raise self._unexpected(f") after {wanted}")
         return values
 
     def _token(self) -> tuple[str, str, int]:

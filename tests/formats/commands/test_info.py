@@ -255,6 +255,8 @@ def test_resolution_of_fields_is_reported(elvis_json, pipe):
     assert row.split()[-4].startswith("0.004")
     wrong = CliRunner().invoke(group, ["info", *map(str, mesh), str(field), "--resolution", "--field", "u*v"])
     assert str(wrong.exception) == "--resolution: expected a field of the data (u, v), found u*v"
+    bare = CliRunner().invoke(group, ["info", *map(str, mesh), "--resolution"])
+    assert str(bare.exception) == "--resolution: the data contain no fields"
 
 
 def test_resolution_of_a_series_is_reported_for_each_step(elvis, elvis_json, tmp_path):

@@ -60,10 +60,10 @@ def _facts(dataset: Dataset, names: Sequence[str]) -> Facts:
 
     fields = [field.name for field in dataset.solution]
     wrong = [name for name in names if name not in fields]
-    if wrong or not fields:
-        known = ", ".join(fields) or "none"
-        found = wrong[0] if wrong else "none"
-        raise ElvisError(f"--resolution: expected a field of the data ({known}), found {found}")
+    if not fields:
+        raise ElvisError("--resolution: the data contain no fields")
+    if wrong:
+        raise ElvisError(f"--resolution: expected a field of the data ({', '.join(fields)}), found {wrong[0]}")
     return resolution_facts(dataset, list(dict.fromkeys(names)) or fields)
 
 

@@ -283,7 +283,7 @@ def data_options(command: Callable[..., None]) -> Callable[..., None]:
 class NativeSource:
     """A native dataset with the methods of `Evaluation`, without a device.
 
-    is_quiet  whether notes on time derivatives are suppressed
+    is_quiet  whether notes on time derivatives and recovered fields are suppressed
     portion   the part of a rank that the dataset is; None if no parts are requested
     ranks     that have such parts
     """
@@ -331,7 +331,8 @@ class NativeSource:
 
         dataset = without_top_modes(self.dataset)
         portion = None if self.portion is None else replace(self.portion, dataset=dataset)
-        return replace(self, dataset=dataset, portion=portion)
+        # the notes on the data as they are suffice
+        return replace(self, dataset=dataset, portion=portion, is_quiet=True)
 
     def _surrounded(self, expressions: Sequence[Expression]) -> Dataset:
         """The dataset; of a part with what quantities look at beyond its elements."""
