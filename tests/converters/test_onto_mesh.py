@@ -87,6 +87,16 @@ def test_unresolved_borders_are_reported_with_their_error():
     assert report.facts()["is_bound"] is False
 
 
+@pytest.mark.parametrize(
+    ("shape", "order"), [(Shape.QUADRILATERAL, 8), (Shape.TRIANGLE, 12), (Shape.QUADRILATERAL, 22)]
+)
+def test_orders_far_above_those_of_the_fields_are_exact(shape, order):
+    """The rules are exact for products of two functions of the projection as well, not only with the fields."""
+    found = onto_mesh(flow(grid(shape, 1)), Dataset(grid(shape, 1)), order=order)
+    assert all(own.is_exact for own in found.measures)
+    assert found.residual == 0
+
+
 def test_curved_elements_are_located_exactly():
     bent = curved(grid(Shape.QUADRILATERAL, 2), lambda x: x + 0.04 * np.sin(3 * x[..., [1, 0, 2]]) * [1, 1, 0], 3)
     source = flow(grid(Shape.QUADRILATERAL, 1))

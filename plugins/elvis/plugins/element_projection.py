@@ -39,7 +39,7 @@ _LEAST_POINTS = 1 << 17
 _POINTS_PER_POINT = {1: 32, 2: 32, 3: 8}
 #: points at a time
 _AT_ONCE = 1 << 15
-#: Gauss points in a direction at most
+#: Gauss points in a direction at most, if fewer are exact on affine elements
 _MOST_GAUSS = 20
 #: halvings of an element at most
 _MOST_HALVINGS = 24
@@ -168,16 +168,16 @@ class _Rules:
         return box_rule(tuple((2 * self.order + power) // 2 + 1 for power in COLLAPSE[self.shape]))
 
     def fine(self, is_affine: bool, fewer: int = 0) -> tuple[Floats, Floats]:
-        """A rule that is exact for polynomials.
+        """A rule that is exact for products of the projections' functions, with each other and with fields.
 
         fewer  points in each direction than that, but not than on affine elements
         """
-        degree = self.degree + self.order + 1
+        degree = max(self.degree, self.order) + self.order + 1
         extra = 0 if is_affine else self.shape.dimension * (self.bend - 1)
         powers = COLLAPSE[self.shape]
         least = [(degree + power) // 2 + 2 for power in powers]
         full = [(degree + extra + power) // 2 + 2 - fewer for power in powers]
-        return box_rule(tuple(min(max(pair), _MOST_GAUSS) for pair in zip(least, full, strict=True)))
+        return box_rule(tuple(max(low, min(high, _MOST_GAUSS)) for low, high in zip(least, full, strict=True)))
 
 
 @dataclass(frozen=True, eq=False)
