@@ -72,7 +72,7 @@ def test_a_preview_determines_the_view(view):
         mask[scene.size[1] // 3 : 2 * scene.size[1] // 3, scene.size[0] // 3 : 2 * scene.size[0] // 3] = True
         return mask
 
-    scene = Scene("u", Plane((0.5, 0.5, 0.5), (1, 1, 1)), view, (300, 300))
+    scene = Scene("u", Plane((0.5, 0.5, 0.5), (1, 1, 1)), view, (300, 300), domain_outline=False)
     whole = automatic(scene, [UNIT], lambda scene: np.ones((scene.size[1], scene.size[0]), bool)).camera
     part = automatic(scene, [UNIT], middle).camera
     nothing = automatic(scene, [UNIT], lambda scene: np.zeros((scene.size[1], scene.size[0]), bool)).camera

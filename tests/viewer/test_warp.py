@@ -54,7 +54,7 @@ def test_points_move_as_they_are_seen(page, viewer, lens):
 def test_parallel_views_of_one_direction_are_shifted(page, viewer):
     """After a shift by 30 columns and 12 rows, all pixels that stay in the picture are the same."""
     camera = {**FIRST, "height": 1.8}
-    change(page, {"camera": camera, "range": [-1, 2]})
+    change(page, {"camera": camera, "range": [-1, 2], "domain_outline": False})
     settled(page, viewer)
     before = colours(page, "exact")
     eye, at, up = (np.array(camera[key], float) for key in ("eye", "at", "up"))
@@ -77,7 +77,7 @@ def test_depths_are_stored_in_sixteen_bits(scene):
 
     objects = (CutSurface(Sphere((0.5, 0.5, 0.5), 0.3)), CutSurface(Plane((0, 0, 0.2), (0, 0, 1))))
     camera = Camera((3.0, 2.0, 4.0), (0.5, 0.5, 0.5), (0.0, 1.0, 0.0), fov=25.0)
-    frame = render(read(*scene.data), "u", objects=objects, camera=camera, size=(900, 500))
+    frame = render(read(*scene.data), "u", objects=objects, camera=camera, size=(900, 500), domain_outline=False)
     found = depths_of(frame)
     parts = np.frombuffer(zlib.decompress(base64.b64decode(found["data"])), "<u2").reshape(found["size"][::-1])
     depth = frame.depth[:: found["step"], :: found["step"]]
@@ -93,7 +93,7 @@ def test_lines_of_drafts_are_segments(scene, tmp_path):
 
     cut = CutSurface(Plane((0, 0, 0.4), (0, 0, 1)), Style(mesh_lines=MeshLines(width=2.0)))
     camera = Camera((0.5, 0.4, 4.0), (0.5, 0.5, 0.5), (0.0, 1.0, 0.0), height=1.4)
-    how = {"objects": (cut,), "camera": camera, "size": (160, 120)}
+    how = {"objects": (cut,), "camera": camera, "size": (160, 120), "domain_outline": False}
     data = read(*scene.data)
     figure = render(data, "u", **how, outputs=(str(tmp_path / "figure.svg"),))
     with drafted(segments=True):
@@ -120,3 +120,23 @@ def test_lines_of_drafts_are_segments(scene, tmp_path):
     parts = np.cumsum(numbers[: columns * rows].reshape(rows, columns), axis=1, dtype=np.uint16)
     step = facts["step"]
     assert np.array_equal(parts > 0, np.isfinite(draft.depth[::step, ::step]))
+
+
+def test_the_outline_of_the_domain_moves_apart_from_the_picture(page, viewer):
+    """The page takes its lines off the last picture, and draws them where the camera sees them."""
+    change(page, {"camera": {**FIRST, "height": 1.8}, "range": [-1, 2], "domain_outline": False})
+    settled(page, viewer)
+    bare = colours(page, "exact")
+    change(page, {"domain_outline": None})
+    settled(page, viewer)
+    page.wait_for_function("elvis.warp.source.lines.length === 1")
+    assert (colours(page, "exact") != bare).any()
+    lifted = page.evaluate(
+        "[...elvis.warp.source.canvas.getContext('2d').getImageData(0, 0, elvis.warp.source.width, "
+        "elvis.warp.source.height).data]"
+    )
+    left, top, side = page.evaluate("elvis.picture.arrows")
+    lifted = np.array(lifted).reshape(*bare.shape[:2], 4)[..., :3]
+    is_own = np.ones(bare.shape[:2], bool)
+    is_own[top : top + side, left : left + side] = False
+    assert np.array_equal(lifted[is_own], bare[is_own])

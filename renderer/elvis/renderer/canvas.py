@@ -106,7 +106,8 @@ class Canvas:
         self.contours: Counter[Status] = Counter()
         is_whole = self.view.count <= self.most and self.rows.is_alone
         self.arrays = _arrays(self.view, self.records and not is_whole)
-        if is_draft():
+        self.keeps_depths = is_draft() or self.scene.shows_domain
+        if self.keeps_depths and not (self.records and is_whole):
             self.arrays["depth"] = np.full((self.view.height, self.view.width), inf)
 
     @property
@@ -214,7 +215,7 @@ class Canvas:
         self._keep("status", rows, inner(np.maximum(record.status, self.volume_status)))
         if self.records:
             self._keep_record(band, record)
-        elif is_draft():
+        elif self.keeps_depths:
             self._keep("depth", rows, inner(record.depth))
 
     def _keep_record(self, band: Band, record: HitBuffer) -> None:

@@ -91,6 +91,9 @@ def with_quantity(scene: Scene, data: Dataset | PluginData) -> Scene:
 
 def arranged(scene: Scene, kind: Kind) -> Scene:
     """The scene with its objects: where none are given, 2D data in their plane, and outer faces of the rest."""
+    # 2D data that are drawn show their domain themselves
+    is_flat = kind is Kind.PLANE and any(isinstance(item, CutSurface) for item in scene.every_object)
+    scene = replace(scene, domain_outline=scene.shows_domain and not is_flat)
     if kind is Kind.LINE:
         return scene
     if kind is Kind.SURFACE and any(not isinstance(item, Faces | Streamlines | Glyphs) for item in scene.every_object):

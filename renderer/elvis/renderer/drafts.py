@@ -35,6 +35,11 @@ def is_draft() -> bool:
     return _is_draft.get()
 
 
+def wants_segments() -> bool:
+    """Whether lines of the picture in the making that do not depend on its surfaces become segments."""
+    return _has_segments.get()
+
+
 def has_segments(scene: Scene) -> bool:
     """Whether lines of the picture in the making become segments; lines within volumes are pixels."""
     return _has_segments.get() and not any(isinstance(item, VolumeRendering) for item in scene.every_object)

@@ -16,6 +16,7 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Dataset
+from elvis.core.distances.boundaries import ALL
 from elvis.core.errors import ElvisError
 from elvis.core.mapping.boxes import Boxes, BoxTree
 from elvis.core.mapping.orientation import chunks
@@ -136,6 +137,10 @@ class Relevance:
             # existence check: a word without a match is an error
             for mask, own in zip(masks, chosen, strict=True):
                 mask[np.flatnonzero(own)[:1]] = True
+        if self.scene.shows_domain:
+            # silhouettes depend on all of the boundary
+            for mask, own in zip(masks, self._chosen((ALL,))[ALL], strict=True):
+                mask |= own
         return np.unique(np.concatenate([*found, self._ids_of(masks)]))
 
     @property
@@ -144,7 +149,7 @@ class Relevance:
         every = self.scene.every_object
         counted = [item.quantity for item in every if isinstance(item, Isosurface | VolumeRendering)]
         axes = None if self._axes is None else self._axes.tobytes()
-        return self.texts, self._names_of_ends, axes, tuple(counted), self.words
+        return self.texts, self._names_of_ends, axes, tuple(counted), self.words, self.scene.shows_domain
 
     @property
     def shown_by(self) -> Hashable:
@@ -306,10 +311,14 @@ class Relevance:
     @cached_property
     def _of_faces(self) -> dict[str, list[Bools]]:
         """For each word that chooses faces, and each part, (n,) elements that have such faces."""
+        return self._chosen(self.words) if self.words and sum(map(len, self._volume.parts)) else {}
+
+    def _chosen(self, words: Sequence[str]) -> dict[str, list[Bools]]:
+        """For each word and each part, (n,) elements with faces that the word chooses."""
         parts = self._volume.parts
-        if not self.words or not sum(map(len, parts)):
-            return {}
-        chosen = {word: [np.zeros(len(part), bool) for part in parts] for word in self.words}
+        chosen = {word: [np.zeros(len(part), bool) for part in parts] for word in words}
+        if not sum(map(len, parts)):
+            return chosen
         faces = faces_of(self.dataset, self._volume)
         for word, masks in chosen.items():
             # words that no part has are errors only for the complete data

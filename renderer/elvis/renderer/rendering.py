@@ -40,6 +40,7 @@ from elvis.renderer.flow_stage import Made
 from elvis.renderer.frame_notes import note, remarks_on_conversion, remarks_on_derived
 from elvis.renderer.ghosts import Ghosts, check_ghosts
 from elvis.renderer.other_data import OtherData
+from elvis.renderer.outlined_frame import with_surroundings
 from elvis.renderer.parts import RankPart
 from elvis.renderer.persistence import persistent
 from elvis.renderer.pixels import NOBODY
@@ -386,8 +387,8 @@ class Renderer:
             pixels=frame.counts(),
             remarks=[*frame.stats.get("remarks", ()), *self.device.passed, *self.device.cache.remarks],
         )
-        if scene.box or scene.axes:
-            frame = replace(frame, box=self.stages.domain())
+        if not self.ranks.rank:
+            frame = with_surroundings(frame, scene, self.stages)
         frame.stats["seconds"] = {**self.seconds, **frame.stats.get("seconds", {}), "frame": perf_counter() - start}
         return frame
 
@@ -418,7 +419,7 @@ class Renderer:
         """The view of a scene; the previous view if the objects and the camera are unchanged."""
         if self.bands is not None:
             return self.bands.view
-        part = scene.region, scene.zoom, scene.box, scene.axes, scene.companions, scene.copies
+        part = scene.region, scene.zoom, scene.box, scene.axes, scene.companions, scene.copies, scene.shows_domain
         key = (scene.every_object, scene.clip, scene.camera, scene.size, part, is_draft())
         if self._fitted is None or self._fitted[0] != key:
             every = [self.stages, *self.stages.ghosts.values()]

@@ -22,6 +22,8 @@ GLANCE, GLANCE_PIXELS = 4, 1 << 21
 GLANCES = 4
 #: how far ends that a preview has cut are moved away from the middle, as a part of the distance
 GROWTH = 2.0
+#: extent of objects relative to the domain's below which a picture does not hold all of its outline
+SMALL = 0.3
 #: pairs of corners k = x + 2 y + 4 z of a box that an edge joins
 _EDGES = np.array([(k, k + step) for step in (1, 2, 4) for k in range(8) if not k & step])
 
@@ -60,6 +62,8 @@ def automatic(
         extent = np.array([[left, low], [right, high]])
     elif not is_framed:
         extent = _extent_by_glances(scene, camera, extent, box, glance)
+    if scene.shows_domain and not (is_framed or scene.region):
+        extent = _with_domain(extent, camera, box)
 
     size = scene.size or proportionate(extent)
     # by what zooming adds, so that without it not a bit changes
@@ -129,6 +133,14 @@ def _extent_by_glances(
         if (extent[1] - extent[0]).max() > 0.3 * (wide[1] - wide[0]).max():
             break
     return extent
+
+
+def _with_domain(extent: Floats, camera: Camera, box: Floats) -> Floats:
+    """The visible extent (2, 2) of objects and of the domain in its box (2, 3), unless objects are small in it."""
+    points = _corners(box.reshape(1, 6).astype(np.float32)) @ np.array(camera.basis()[:2]).T
+    whole = np.array([points.min(axis=0), points.max(axis=0)])
+    is_small = np.ptp(extent, axis=0).max() < SMALL * np.ptp(whole, axis=0).max()
+    return extent if is_small else whole
 
 
 def _corners(boxes: Boxes) -> Floats:

@@ -19,6 +19,7 @@ from elvis.core.files.output import Outputs
 from elvis.core.moments import Instant
 from elvis.core.quantities.derived import RECOVERED
 from elvis.scene import ColorBar, Scene, Vector
+from elvis.scene.line_coverage import coverage
 from elvis.scene.palette import NOT_A_NUMBER, Palette, automatic_range, is_constant
 from elvis.scene.quantities import quantities
 from elvis.scene.strokes import Segments, Stroke
@@ -117,6 +118,7 @@ class Frame:
     stats      seconds, bytes and counts by name
     box        (2, 3) low and high corner of the domain, if the picture shows it
     instant    time of a series that is shown, None for data that are not a series
+    domain     lines of the domain, which images have over their pixels, but records do not
     drawing    None for a single unlit plane, whose colours, depths and normals follow from the rest
     """
 
@@ -130,6 +132,7 @@ class Frame:
     drawing: Drawing | None = None
     box: Floats | None = None
     instant: Instant | None = None
+    domain: Segments | None = None
 
     @property
     def title(self) -> str:
@@ -277,7 +280,7 @@ class Frame:
         own = self.color - (1.0 - part) * np.asarray(self.scene.backdrop)
         own = np.divide(own, part, out=np.ones_like(own), where=part > 0.0)
         made: NDArray[np.uint8] = np.rint(255 * np.clip(np.dstack([own, part]), 0.0, 1.0)).astype(np.uint8)
-        return made
+        return made if self._ink is None else self._inked(made)
 
     @cached_property
     def color(self) -> Floats:
@@ -290,9 +293,37 @@ class Frame:
     @cached_property
     def rgb(self) -> NDArray[np.uint8]:
         """(h, w, 3) colours in [0, 255]."""
+        return self._bare if self._ink is None else self._inked(self._bare)
+
+    @property
+    def _bare(self) -> NDArray[np.uint8]:
+        """The same without lines of the domain."""
         if self.drawing is None:
             return np.rint(255 * self._colors).astype(np.uint8).take(self._steps, axis=0)
         return whole(self.drawing.color)
+
+    @property
+    def below_domain(self) -> tuple[Ints, NDArray[np.uint8]]:
+        """Numbers (n,) of the pixels with lines of the domain, and the colours (n, 3) that they have without."""
+        assert self._ink is not None
+        numbers = self._ink[0]
+        return numbers, self._bare.reshape(-1, 3)[numbers]
+
+    @cached_property
+    def _ink(self) -> tuple[Ints, Floats] | None:
+        """Numbers (n,) of the pixels with lines of the domain, and the part of each that they cover."""
+        return None if self.domain is None else coverage(self.domain, self.element.shape)
+
+    def _inked(self, values: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Pixels (h, w, 3 or 4) of an image in [0, 255] with the lines of the domain, which are opaque."""
+        assert self._ink is not None
+        assert self.domain is not None
+        numbers, part = self._ink
+        rows = values.reshape(-1, values.shape[2]).copy()
+        ink = np.multiply(255.0, [*self.domain.color, 1.0][: values.shape[2]])
+        mixed = rows[numbers] + part[:, None] * (ink - rows[numbers])
+        rows[numbers] = np.rint(mixed)
+        return rows.reshape(values.shape)
 
     @cached_property
     def _steps(self) -> NDArray[np.uint16]:

@@ -86,6 +86,8 @@ class SharedKeywords(TypedDict, total=False):
     smaller sides of the picture, and an arrow leads to the point."""
     image: str | None
     """Image in a corner of the picture, such as a logo."""
+    domain_outline: bool | None
+    """Draw the outline of the domain, or of the bodies in it: sharp edges and silhouettes of its boundary."""
     region: ArrayLike | None
     """Visible part of 2D data and plane cuts: ends along the width of the picture (x of 2D data), then along its
     height."""

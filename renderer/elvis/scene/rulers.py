@@ -89,23 +89,25 @@ def box_edges(frame: Frame) -> list[Floats]:
         length = np.linalg.norm(np.diff(seen_of(frame.view, ends), axis=0))
         count = int(np.clip(np.nan_to_num(length, nan=1e3), 2, 1e4)) + 1
         points = ends[0] + np.linspace(0.0, 1.0, count)[:, None] * (ends[1] - ends[0])
-        free = np.flatnonzero(~_is_hidden(frame, points))
+        free = np.flatnonzero(~is_hidden(frame.view, frame.depth, points))
         places = seen_of(frame.view, points)
         runs = np.split(free, np.flatnonzero(np.diff(free) > 1) + 1)
         found += [places[[run[0], run[-1]]] for run in runs if len(run) > 1]
     return found
 
 
-def _is_hidden(frame: Frame, points: Floats) -> Bools:
-    """(n,) whether something is seen before world points (n, 3), by more than pixels are wide."""
-    view = frame.view
+def is_hidden(view: View, depths: Floats, points: Floats) -> Bools:
+    """(n,) whether something is seen before world points (n, 3), by more than pixels are wide.
+
+    depths  (h, w) of the picture
+    """
     places, depth = seen_of(view, points), view.depth_of(points)
     within = np.abs(places - [0.5 * (view.width - 1), 0.5 * (view.height - 1)]) < [0.5 * view.width, 0.5 * view.height]
     inside = within.all(axis=1)
     pixel = np.rint(places[inside]).astype(int)
     wide = np.linalg.norm(view.column) * (depth if view.perspective else np.ones_like(depth))
     hidden = np.asarray(np.isnan(places).any(axis=1))
-    hidden[inside] = frame.depth[pixel[:, 1], pixel[:, 0]] < (depth - 4.0 * wide)[inside]
+    hidden[inside] = depths[pixel[:, 1], pixel[:, 0]] < (depth - 4.0 * wide)[inside]
     return hidden
 
 

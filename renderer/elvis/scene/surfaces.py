@@ -10,6 +10,8 @@ if TYPE_CHECKING:
     from elvis.core.arrays import Floats
 
 Vector: TypeAlias = tuple[float, float, float]
+#: sine of the angle below which two directions are the same or opposite
+PERPENDICULAR = 1e-12
 
 
 def unit(vector: "Vector | Floats", what: str) -> "Floats":
@@ -44,6 +46,11 @@ class Plane(Model, of="a plane"):
     def check(self) -> None:
         """Raise SceneError if the normal is zero."""
         unit(self.normal, "the normal of the plane")
+
+    def is_across(self, direction: "Vector | Floats") -> bool:
+        """Whether the plane is perpendicular to a direction."""
+        sine = cross(unit(direction, "the direction"), unit(self.normal, "the normal of the plane"))
+        return bool(abs(sine).max() < PERPENDICULAR)
 
     def basis(self) -> "tuple[Floats, Floats, Floats]":
         """Unit vectors right, up and normal, right-handed; up is as near to z (else y) as the plane allows."""

@@ -18,7 +18,7 @@ from elvis.core.hints import nearest, perhaps
 from elvis.core.moments import BETWEEN, Moment
 from elvis.scene.copies import Copies
 from elvis.scene.errors import SceneError
-from elvis.scene.objects import CutSurface, SceneObject, VolumeRendering
+from elvis.scene.objects import CutSurface, Faces, SceneObject, VolumeRendering
 from elvis.scene.settings import FilePath, Memory, Model, OtherFiles, PaletteName, Quantity, Setting, check, settings
 from elvis.scene.style import COLOR, POSITIVE, ColorBar, Style, check_range
 from elvis.scene.surfaces import Plane, Surface, Vector, cross, unit
@@ -391,6 +391,14 @@ class Scene(Model):
         FilePath | None,
         Setting("Image in a corner of the picture, such as a logo.", option="--image", metavar="FILE"),
     ] = None
+    domain_outline: Annotated[
+        bool | None,
+        Setting(
+            "Draw the outline of the domain, or of the bodies in it: sharp edges and silhouettes of its boundary.",
+            option="--domain-outline/--no-domain-outline",
+            default="drawn if no faces are shown, except around a plane that the view faces",
+        ),
+    ] = None
     panels: Annotated[
         tuple[int, int] | None,
         Setting(
@@ -626,6 +634,23 @@ class Scene(Model):
         objects = self.every_object
         only = objects[0] if len(objects) == 1 else None
         return only.surface if isinstance(only, CutSurface) and isinstance(only.surface, Plane) else None
+
+    @property
+    def shows_domain(self) -> bool:
+        """Whether the outline of the domain is drawn around the objects."""
+        if self.domain_outline is not None:
+            return self.domain_outline
+        if self._faces_plane or any(isinstance(item, Faces) for item in self.every_object):
+            return False
+        return bool(self.every_object)
+
+    @property
+    def _faces_plane(self) -> bool:
+        """Whether the picture shows only a plane, from the front or from behind."""
+        plane, camera = self.only_plane, self.camera
+        if plane is None or camera == "fit":
+            return plane is not None
+        return plane.is_across(NAMED_VIEWS[camera][0] if isinstance(camera, str) else camera.basis()[2])
 
     @property
     def is_plain(self) -> bool:

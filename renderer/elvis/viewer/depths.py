@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from elvis.core.arrays import Floats
@@ -28,9 +30,22 @@ Table = dict[str, Any]
 
 
 def depths_of(frame: Frame) -> Table:
-    """Depths at every n-th pixel: size, smallest and largest depth, and 16-bit parts of this range as base64."""
-    facts, parts = _parts_of(_finite_depth(frame), MAX_SIDE)
-    return {**facts, "data": b64encode(zlib.compress(parts.tobytes(), 1)).decode()}
+    """Depths at every n-th pixel: size, smallest and largest depth, and 16-bit parts of this range as base64.
+
+    Lines of the domain follow in the form of `motion_of`, with the colours of the pixels below them.
+    """
+    facts, parts = _parts_of(_finite_depth(frame), MAX_SIDE, [] if frame.domain is None else [frame.domain])
+    found = {**facts, "data": _packed(parts)}
+    if frame.domain is None or frame.scene.is_clear:
+        return found
+    numbers, colors = frame.below_domain
+    below = {"numbers": _packed(numbers.astype("<u4").view("<u2")), "colors": _packed(colors.astype("<u2"))}
+    return {**found, **_facts_of_lines([frame.domain]), **below, "ends": _packed(_numbers_of(frame.domain, facts))}
+
+
+def _packed(numbers: NDArray[np.uint16]) -> str:
+    """16-bit numbers as compressed base64."""
+    return b64encode(zlib.compress(numbers.astype("<u2").tobytes(), 1)).decode()
 
 
 def motion_of(frame: Frame, is_lean: bool = False) -> tuple[Table, bytes]:
@@ -41,15 +56,21 @@ def motion_of(frame: Frame, is_lean: bool = False) -> tuple[Table, bytes]:
     the contour of an isosurface's own value does.
     """
     depth = _finite_depth(frame)
-    facts, parts = _parts_of(depth, MAX_SIDE_OF_LEAN_DRAFTS if is_lean else MAX_SIDE_OF_DRAFTS)
     lines = [] if frame.drawing is None else [own for own in frame.drawing.segments if len(own.starts) <= depth.size]
+    facts, parts = _parts_of(depth, MAX_SIDE_OF_LEAN_DRAFTS if is_lean else MAX_SIDE_OF_DRAFTS, lines)
     numbers = [np.diff(parts, axis=1, prepend=np.uint16(0)), *(_numbers_of(own, facts) for own in lines)]
+    return {**facts, **_facts_of_lines(lines)}, zlib.compress(
+        b"".join(own.astype("<u2").tobytes() for own in numbers), 1
+    )
+
+
+def _facts_of_lines(lines: Sequence[Segments]) -> Table:
+    """Styles and numbers of lines, and how their positions are stored."""
     styles = [
         {"count": len(own.starts), "width": own.width, "color": list(own.color), "opacity": own.opacity}
         for own in lines
     ]
-    known = {"parts_of_pixel": PARTS_OF_PIXEL, "margin": MARGIN, "lines": styles}
-    return {**facts, **known}, zlib.compress(b"".join(own.astype("<u2").tobytes() for own in numbers), 1)
+    return {"parts_of_pixel": PARTS_OF_PIXEL, "margin": MARGIN, "lines": styles}
 
 
 def _finite_depth(frame: Frame) -> Floats:
@@ -57,12 +78,13 @@ def _finite_depth(frame: Frame) -> Floats:
     return np.where(np.isfinite(frame.depth), frame.depth, np.inf)
 
 
-def _parts_of(depth: Floats, side: int) -> tuple[Table, NDArray[np.uint16]]:
-    """Size, step between pixels, smallest and largest depth; depths (h, w) as parts of this range."""
+def _parts_of(depth: Floats, side: int, lines: Sequence[Segments]) -> tuple[Table, NDArray[np.uint16]]:
+    """Size, step between pixels, smallest and largest depth, also of lines; depths (h, w) as parts of this range."""
     step = -(-max(depth.shape) // side)
     depth = depth[::step, ::step]
     seen = np.isfinite(depth)
-    low, high = (float(depth[seen].min()), float(depth[seen].max())) if seen.any() else (0.0, 0.0)
+    known = np.concatenate([depth[seen], *(own.depths.ravel() for own in lines)])
+    low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
     parts = np.zeros(depth.shape, "<u2")
     parts[seen] = _scaled(depth[seen], low, high)
     return {"size": [depth.shape[1], depth.shape[0]], "step": step, "low": low, "high": high}, parts

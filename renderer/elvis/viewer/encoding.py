@@ -11,7 +11,6 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from elvis.core.arrays import Floats
     from elvis.scene.frame import Frame
     from elvis.scene.page import Layout
 
@@ -54,15 +53,12 @@ def bare(frame: Frame, is_lean: bool = False) -> tuple[bytes, Layout]:
     return stream.getvalue(), Layout((width, height), (0, 0))
 
 
-def png(color: Floats) -> bytes:
-    """The file of colours (h, w, 3) in [0, 1]."""
-    import numpy as np
+def png(pixels: NDArray[np.uint8]) -> bytes:
+    """The file of colours (h, w, 3) in [0, 255]."""
     from PIL import Image
 
-    from elvis.scene.frame import whole
-
     stream = BytesIO()
-    Image.fromarray(whole(np.clip(color, 0.0, 1.0)), "RGB").save(stream, "PNG", compress_level=1)
+    Image.fromarray(pixels, "RGB").save(stream, "PNG", compress_level=1)
     return stream.getvalue()
 
 

@@ -41,7 +41,7 @@ class OtherPictures:
             self._pictures[name] = Pictures(dataset.others[name], self._device)
         with drafted() if is_draft else nullcontext():
             found = self._pictures[name].draw(_beside(frame))
-        file = bare(found)[0] if is_draft else png(found.color)
+        file = bare(found)[0] if is_draft else png(found.rgb)
         return {"file": b64encode(file).decode(), "draft": is_draft}
 
     def clear(self) -> None:

@@ -15,7 +15,10 @@ ALL_OPTIONS = "elvis.all_options"
 #: lines of the examples in the short help
 SHORT_EXAMPLES = 8
 #: what a figure has around and over its pixels, by keys of a scene
-FIGURE = ("title", "axes", "scale_bar", "box", "outline", "font", "font_size", "dpi", "texts", "image", "panels")
+FIGURE = (
+    *("title", "axes", "scale_bar", "box", "outline", "font", "font_size", "dpi"),
+    *("texts", "image", "domain_outline", "panels"),
+)
 OUTPUT = click.Path(path_type=Path, dir_okay=False)
 
 

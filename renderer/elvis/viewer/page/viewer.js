@@ -1027,6 +1027,9 @@ async function unpacked(bytes) {
   return new Uint16Array(await new Response(stream).arrayBuffer());
 }
 
+// the same as base64
+const numbersOf = (text) => unpacked(Uint8Array.from(atob(text), (one) => one.charCodeAt(0)));
+
 // x' = A x + b maps points from the frame (right, up, forward) of one camera to that of another one; and world units of a pixel
 // of pictures of a height, at distance one in perspective
 function passage(first, camera, height) {
@@ -1074,17 +1077,34 @@ class Warp {
     this.source = null;
     const { viewer } = this, { picture } = viewer, { kind } = viewer.facts ?? {};
     if (!kind || kind === "line" || !picture.camera) return;
-    const [, , width, height] = picture.image, part = Math.min(1, Math.sqrt(MOST_MOVED / (width * height)));
-    this.take(viewer.canvas, picture.image, [Math.ceil(part * width), Math.ceil(part * height)], []);
-    const { source } = this, { arrows } = picture, context = source.canvas.getContext("2d");
-    context.fillStyle = viewer.paper;
-    // arrows along the axes don't move with the data
-    if (arrows) context.fillRect(...[arrows[0], arrows[1], arrows[2], arrows[2]].map((one) => one * part));
+    this.takeWhole(viewer.canvas, picture.image, []);
     if (kind === "plane") return;
-    const found = await viewer.ask("depths", null).catch(() => null);
+    const { source } = this, found = await viewer.ask("depths", null).catch(() => null);
     if (found?.number !== picture.number) return;
-    const parts = await unpacked(Uint8Array.from(atob(found.data), (one) => one.charCodeAt(0)));
-    if (source === this.source) Object.assign(source, { known: found, parts, cell: width / source.width / found.step });
+    const [parts, ...lines] = await Promise.all([found.data, ...(found.lines ? [found.numbers, found.colors, found.ends] : [])].map(numbersOf));
+    if (source !== this.source) return;
+    if (found.lines) this.lift(found, ...lines);
+    Object.assign(this.source, { known: found, parts, cell: picture.image[2] / this.source.width / found.step });
+  }
+
+  // take a whole picture without its arrows along the axes, which don't move with the data
+  takeWhole(canvas, corner, lines) {
+    const { viewer } = this, { image: [, , width, height], arrows } = viewer.picture, part = Math.min(1, Math.sqrt(MOST_MOVED / (width * height)));
+    this.take(canvas, corner, [Math.ceil(part * width), Math.ceil(part * height)], lines);
+    const context = this.source.canvas.getContext("2d");
+    context.fillStyle = viewer.paper;
+    if (arrows) context.fillRect(...[arrows[0], arrows[1], arrows[2], arrows[2]].map((one) => one * part));
+  }
+
+  // take the lines of the domain off a whole picture: they are drawn where the camera sees them
+  lift(found, numbers, colors, ends) {
+    const { viewer } = this, [left, top, width, height] = viewer.picture.image, canvas = new OffscreenCanvas(width, height);
+    const context = canvas.getContext("2d"), places = new Uint32Array(numbers.buffer);
+    context.drawImage(viewer.canvas, left, top, width, height, 0, 0, width, height);
+    const pixels = context.getImageData(0, 0, width, height);
+    places.forEach((place, k) => pixels.data.set(colors.subarray(3 * k, 3 * k + 3), 4 * place));
+    context.putImageData(pixels, 0, 0);
+    this.takeWhole(canvas, [0, 0, width, height], this.linesOf(found, ends, 1, 1));
   }
 
   // take a draft, whose depths and lines are at hand, and show it from where the camera is now
@@ -1805,7 +1825,7 @@ const SENSES = { "+x": "from the left, z upwards", "-x": "from the right, z upwa
 const SURFACES = { plane: "Plane", sphere: "Sphere", cylinder: "Cylinder", cone: "Cone", clip: "Plane" };
 const COLOUR = ["field", "palette", "range", "bar"];
 const LIGHT = ["lights", "ambient", "background", "samples"];
-const FIGURE = ["title", "axes", "scale_bar", "box", "outline", "texts", "image", "font_size"];
+const FIGURE = ["title", "axes", "scale_bar", "box", "outline", "domain_outline", "texts", "image", "font_size"];
 const STEP = Math.PI / 24;
 //: `wheelDelta` of one notch of a mouse's wheel; pixels of one, in browsers that do not report it; pixels of a tenth on macOS
 const NOTCH = 120, LEAST_WHEEL = 50, MAC_NOTCH = 4.000244140625;
