@@ -186,11 +186,18 @@ def _damage(arguments, dice, odd):
         elif action == 1 and place is not arguments:
             place[dice.choice(NAMES)] = place.pop(key)
         elif action == 2 and isinstance(value, list) and value:
-            value[dice.randrange(len(value))] = dice.choice(odd)
+            value[dice.randrange(len(value))] = _fresh(dice.choice(odd))
         elif action == 3 and (isinstance(value, list) or (isinstance(value, np.ndarray) and value.ndim)):
             place[key] = value[: dice.randrange(len(value) + 1)]
         else:
-            place[key] = dice.choice(odd)
+            place[key] = _fresh(dice.choice(odd))
+
+
+def _fresh(value):
+    """A value whose tables and lists are not those of other cases, in which they could become parts of themselves."""
+    if isinstance(value, dict):
+        return {key: _fresh(own) for key, own in value.items()}
+    return list(value) if isinstance(value, list) else value
 
 
 def _places(table):

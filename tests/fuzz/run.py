@@ -1,8 +1,8 @@
 """Damage files by the thousand and read them: ``python tests/fuzz/run.py --cases 100000 [--only READER] [--seed N]``.
 
-A case fails where anything but one sentence of ours comes out, where it takes more than 5 seconds of the processor or
-more than twice the memory of the sound files (40 MB for the interpreter included), or where the process ends.  Files of
-failures are retained, one of each kind.
+A case fails where anything but one sentence of ours comes out, where it takes more than 5 seconds of the processor,
+more than twice the memory of the sound files (40 MB for the interpreter included) or more than 300 MB and 20 times the
+files, or where the process ends.  Files of failures are retained, one of each kind.
 """
 
 import argparse

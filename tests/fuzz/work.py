@@ -24,6 +24,9 @@ SECONDS, PATIENCE = 5.0, 20.0
 #: kilobytes that an interpreter with the project's libraries takes, whatever is read
 INTERPRETER = 40 << 10
 
+#: kilobytes that a reader may take, and kilobytes for each one of the files
+BASE, PER_BYTE = 300 << 10, 20
+
 #: bytes of address space that cases may take beyond what the process has
 ROOM = 6 << 30
 
@@ -59,11 +62,13 @@ class Worker:
         self.tell({"case": number, "state": "damaging", "subject": subject.name, "file": target.name, "action": action})
         damage = mutations.damage(target, random)
         self.tell({"case": number, "state": "reading", "damage": damage})
+        size = sum(path.stat().st_size for path in paths)
         outcome = self._measure(action, paths)
         total = INTERPRETER + outcome["memory"]
         outcome["ratio"] = round(total / (INTERPRETER + memory), 3)
         if outcome["kind"] in ("read", "refused"):
-            is_slow, is_large = outcome["seconds"] > max(SECONDS, 2 * seconds), outcome["ratio"] > 2
+            is_slow = outcome["seconds"] > max(SECONDS, 2 * seconds)
+            is_large = outcome["ratio"] > 2 or total > BASE + PER_BYTE * size // 1024
             outcome["kind"] = "slow" if is_slow else "large" if is_large else outcome["kind"]
         if outcome["kind"] not in ("read", "refused"):
             keep(self.kept, reader, outcome["kind"], number, self.folder)

@@ -1,4 +1,7 @@
-"""The device without a graphics driver: it draws every kind of object on every shape, as Vulkan does."""
+"""The device without a graphics driver: it draws every kind of object on every shape, as Vulkan does.
+
+``CPU_COMPILER=clang++ EVERY_TEST=1`` draws them by kernels that another compiler makes, such as that of macOS.
+"""
 
 import os
 import shutil
@@ -131,6 +134,38 @@ def rotation(points):
     return np.cross(axis, points - CENTRE) + axis
 
 
+#: slang recognizes the name and the version of g++ alone
+OTHER_AS_GCC = """#!/bin/sh
+[ "$1" = -v ] || {{ echo >> {log}; exec {compiler} "$@"; }}
+echo "gcc version 12.2.0" >&2
+"""
+
+
+def stand_in(folder, compiler):
+    """Let a compiler stand for g++ in a folder; the file with a line for each kernel that it makes."""
+    log = folder / "log"
+    path = folder / "g++"
+    path.write_text(OTHER_AS_GCC.format(log=log, compiler=compiler))
+    path.chmod(0o755)
+    return log
+
+
+@pytest.fixture(scope="module", autouse=True)
+def chosen_compiler(tmp_path_factory):
+    """The compiler that CPU_COMPILER names, and no kernels that another one made."""
+    name = os.environ.get("CPU_COMPILER")
+    if name is None:
+        yield
+        return
+    folder = tmp_path_factory.mktemp("compiler")
+    log = stand_in(folder, shutil.which(name))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PATH", str(folder), prepend=os.pathsep)
+        patch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
+        yield
+    assert log.exists(), f"{name} compiled nothing"
+
+
 @pytest.fixture(scope="module")
 def solution():
     """Smooth fields u, v, w and a rotation a, b, c on a few elements of a shape."""
@@ -206,11 +241,6 @@ frame = render(Dataset(mesh, (field,)), objects=(Isosurface((0.7,)),), size=(24,
 points = frame.position[frame.seen]
 assert len(points) > 20 and np.abs((points**2).sum(axis=-1) - 0.7).max() < 1e-12
 """
-#: slang recognizes the name and the version of g++ alone
-CLANG_AS_GCC = """#!/bin/sh
-[ "$1" = -v ] || exec {clang} "$@"
-echo "gcc version 12.2.0" >&2
-"""
 
 
 @pytest.mark.thorough
@@ -218,9 +248,7 @@ def test_kernels_compile_with_clang(tmp_path):
     clang = shutil.which("clang++")
     if clang is None:
         pytest.skip("there is no clang++")
-    compiler = tmp_path / "g++"
-    compiler.write_text(CLANG_AS_GCC.format(clang=clang))
-    compiler.chmod(0o755)
+    stand_in(tmp_path, clang)
     settings = {**os.environ, "PATH": str(tmp_path)}
     command = [sys.executable, "-c", DRAW_A_SPHERE]
     done = subprocess.run(command, env=settings, capture_output=True, text=True, check=False)

@@ -15,8 +15,9 @@ from elvis import Dataset, Shape, read, render, write
 from elvis.core.errors import ElvisError
 from elvis.core.testing import approximated, grid
 from elvis.plugins.data import Reading
+from elvis.viewer import second_data
 from elvis.viewer.drawing_process import Source
-from elvis.viewer.second_data import plain_name, sources_with
+from elvis.viewer.second_data import MAX_FILES, SecondData, plain_name, sources_with
 
 PIXELS = "elvis.beside.canvas.toDataURL().split(',')[1]"
 
@@ -34,6 +35,23 @@ def test_names_of_sent_files_are_plain():
     assert plain_name("C:\\data\\.x.vtu") == "x.vtu"
     with pytest.raises(ElvisError, match="expected a name"):
         plain_name("..")
+
+
+def test_sent_files_are_limited_and_private(monkeypatch):
+    monkeypatch.setattr(second_data, "MAX_BYTES", 10)
+    data = SecondData()
+    data.begin()
+    for number in range(MAX_FILES):
+        data.open(f"{number}.fld")
+    with pytest.raises(ElvisError, match="expected at most 100 files"):
+        data.open("more.fld")
+    data.append(b"0123456789")
+    with pytest.raises(ElvisError, match="the files are larger than"):
+        data.append(b"a")
+    folder = data.files[0].parent
+    assert folder.stat().st_mode & 0o077 == 0
+    data.close()
+    assert not folder.exists()
 
 
 def test_fields_without_a_mesh_use_the_first_one():
