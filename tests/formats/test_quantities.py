@@ -153,6 +153,8 @@ def test_gases_are_the_closed_forms_of_their_state():
         ("d(x^3*y, x)", -135.0),
         ("d(tanh(x), x) - (1 - tanh(x)^2)", 0.0),
         ("t*4", 2.0),
+        ("step(x) + 10*step(y) + 100*step(0*x)", 1.0),
+        ("if(y+6, z, x) + if(y, 0.5, 0.25)", 7.25),
     ],
 )
 def test_expressions_follow_mathematics(text, value):
@@ -172,6 +174,7 @@ def test_expressions_follow_mathematics(text, value):
         ("x+", "expected a number, a name or (, found its end"),
         ("2*sin", "character 3: expected ( after sin"),
         ("min(x)", "expected 2 operands, found 1"),
+        ("if(x, 1)", "expected 3 operands, found 2"),
         (
             "2*uu",
             "character 3: there is no 'uu' (perhaps u); the fields are u, v, w, rho, rho u, E; there are also x, y, z, "

@@ -2,6 +2,7 @@
 
 A predefined quantity takes parameters of the flow by name: mach(gamma=1.3).  In addition to `functions` there are
 
+- step(a), which is 1 where a > 0, else 0, and if(a, b, c), which is b where a > 0, else c
 - d(f, x), the partial derivative, also d(f, t) of a series
 - grad(f), the length of the gradient
 - laplacian(f)
@@ -38,7 +39,9 @@ from elvis.core.quantities.functions import FUNCTIONS
 from elvis.core.quantities.tree import (
     AXES,
     MEASURES,
+    ONE,
     TIME,
+    ZERO,
     Node,
     at_time,
     attribute,
@@ -53,7 +56,15 @@ from elvis.core.quantities.tree import (
 )
 
 #: functions that inspect their arguments, and their numbers of operands
-SPECIAL = {"d": 2, "grad": 1, "laplacian": 1, **dict.fromkeys((*MEASURES, *DERIVED), 1), "distance": 1}
+SPECIAL = {
+    "step": 1,
+    "if": 3,
+    "d": 2,
+    "grad": 1,
+    "laplacian": 1,
+    **dict.fromkeys((*MEASURES, *DERIVED), 1),
+    "distance": 1,
+}
 #: functions of a boundary
 AT_WALLS = ("distance", "indicator", *VELOCITIES, *DIRECTIONS)
 
@@ -194,6 +205,10 @@ class Parser(Grammar[Node]):
             return self._at_wall(name, first)
         if name in FUNCTIONS:
             return call("^" if name == "pow" else name, *self._arguments(FUNCTIONS[name].arity))
+        if name == "step":
+            return call("step", ZERO, *self._arguments(1))
+        if name == "if":
+            return _chosen(*self._arguments(3))
         (of,) = self._arguments(1)
         if name in MEASURES:
             if of.op != "field" or of.axes:
@@ -286,6 +301,12 @@ class Parser(Grammar[Node]):
             return work()
         except ElvisError as error:
             raise self._mistaken(str(error), first) from error
+
+
+def _chosen(of: Node, positive: Node, otherwise: Node) -> Node:
+    """One of two operands, by the sign of the first; both must have values everywhere."""
+    is_positive, is_other = call("step", ZERO, of), call("-", ONE, call("step", ZERO, of))
+    return call("+", call("*", is_positive, positive), call("*", is_other, otherwise))
 
 
 def _gradient(of: Node, names: Scope) -> Node:
