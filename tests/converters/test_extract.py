@@ -291,6 +291,19 @@ def test_curved_triangles_meet_without_gaps_next_to_pyramids():
     assert np.abs(found.values["x"] - found.points[..., 0]).max() < 1e-12
 
 
+def test_curved_triangles_along_outer_faces_point_to_larger_values():
+    """Both ends of a cube: on the upper one, all values inside are smaller."""
+    for end in (0, 1):
+        found = curved_triangles(Dataset(grid(Shape.HEXAHEDRON, 1)), f"plane:0,0,{end}:0,0,1", 3, [], 0.1)
+        assert found.points[..., 2] == pytest.approx(end, abs=1e-14)
+        a, b, c = np.moveaxis(found.points[:, :3], 1, 0)
+        areas = np.cross(b - a, c - a)[:, 2] / 2
+        assert (areas > 0).all()
+        assert areas.sum() == pytest.approx(1, abs=1e-12)
+        # nodes of order 3 lie at thirds of the first side
+        assert found.points[:, 3] == pytest.approx((2 * a + b) / 3, abs=1e-14)
+
+
 def test_outlines_of_curved_triangles_follow_curved_faces():
     """A plane across a quarter of a ring, whose area the estimated distance of the outline bounds."""
     found = curved_triangles(Dataset(curved(grid(Shape.HEXAHEDRON, 2), ring, 9)), "plane:0,0,0.4:0,0,1", 2, [], 1e-3)

@@ -15,12 +15,14 @@ import numpy as np
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
+from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
+from elvis.core.quantities.tree import negative
 from elvis.core.triangles.cell_places import CellPlaces, Cells, Marched
 from elvis.core.triangles.level_cells import cell_blocks
 from elvis.core.triangles.outlines import outer_faces
 from elvis.core.triangles.surface_triangles import default_tolerance
-from elvis.core.triangles.triangulation import cells_within, march, prepared, without_gaps
+from elvis.core.triangles.triangulation import NothingFoundError, cells_within, march, prepared, without_gaps
 
 #: orders of triangles
 ORDERS = (2, 10)
@@ -62,23 +64,43 @@ def curved_triangles(
         raise ElvisError(f"--order: expected an order from {low} to {high}, found {order}")
     wanted = default_tolerance(dataset, tolerance)
     level, _, evaluator = prepared(dataset, surface, quantities)
+    try:
+        nodes, distance = _refined(dataset, evaluator, level, order, wanted)
+        own = nodes.own
+    except NothingFoundError:
+        # zeros count as larger values: a surface at the border of the domain may have only those inside
+        opposite = Expression(surface, negative(level.root))
+        nodes, distance = _refined(dataset, evaluator, opposite, order, wanted)
+        own = nodes.own[:, _reversed(nodes.weights)]
+    values = nodes.cells.values(nodes.places, evaluator.expressions[-len(quantities) :] if quantities else [])
+    named = {text: each[own] for text, each in zip(quantities, values, strict=True)}
+    return CurvedTriangles(nodes.positions[own], named, nodes.weights, distance)
+
+
+def _refined(
+    dataset: Dataset, evaluator: Evaluator, level: Expression, order: int, wanted: float
+) -> tuple[_Nodes, float]:
+    """The nodes of triangles that are small enough, and their distance from the surface."""
     blocks = list(cell_blocks(evaluator, level, outer_faces(dataset, evaluator.patches)))
     size = float(np.ptp(dataset.mesh.vertices, axis=0).max())
     # a polynomial of order p deviates in the power p + 1 of its size, a flat triangle in the square
     flat = size * min(0.1, (wanted / size) ** (2 / (order + 1)))
     for _ in range(_REFINEMENTS):
         cells = cells_within(evaluator, blocks, flat)
-        marched = march(cells, level, surface)
+        marched = march(cells, level, level.text)
         marched, _ = without_gaps(cells, marched, cells.positions(marched.nodes))
         nodes = _Nodes(cells, level, marched, order)
         distance = nodes.distance()
         if distance <= wanted:
             break
         flat /= _FINER
-    values = cells.values(nodes.places, evaluator.expressions[-len(quantities) :] if quantities else [])
-    shape = (len(nodes.own), -1)
-    named = {text: own[nodes.own] for text, own in zip(quantities, values, strict=True)}
-    return CurvedTriangles(nodes.positions[nodes.own].reshape(*shape, 3), named, nodes.weights, distance)
+    return nodes, distance
+
+
+def _reversed(weights: Floats) -> Ints:
+    """(k,) the nodes with weights (k, 3) of a triangle in the order of those of its other side."""
+    away = np.abs(weights[:, None, [0, 2, 1]] - weights[None]).sum(axis=2)
+    return np.asarray(away.argmin(axis=1))
 
 
 def lattice_weights(order: int) -> Floats:

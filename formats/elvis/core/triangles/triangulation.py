@@ -61,7 +61,7 @@ def level_triangles(
     try:
         found = _with_outlines(evaluator, level, outer, surface, wanted)
         triangles = found.marched.triangles
-    except _NothingFoundError:
+    except NothingFoundError:
         # zeros count as larger values: a surface at the border of the domain may have only those inside
         opposite = Expression(surface, negative(level.root))
         found = _with_outlines(evaluator, opposite, outer, surface, wanted)
@@ -77,7 +77,7 @@ def level_triangles(
     return made.compacted() if found.is_stitched else made
 
 
-class _NothingFoundError(ElvisError):
+class NothingFoundError(ElvisError):
     """A surface that is not within the data."""
 
 
@@ -173,7 +173,7 @@ def march(cells: Cells, level: Expression, surface: str) -> Marched:
     """Points on the surface, and triangles of these; raises ElvisError if there are none."""
     found = _marched(cells, level) if cells.boxes else None
     if found is None or not len(found.triangles):
-        raise _NothingFoundError(f"{surface}: expected a surface within the data, found none")
+        raise NothingFoundError(f"{surface}: expected a surface within the data, found none")
     return found
 
 
