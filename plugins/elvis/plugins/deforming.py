@@ -77,7 +77,7 @@ def with_deformation(dataset: Dataset, deformation: Deformation, ranks: Ranks = 
     assert found.deformation is not None
     own = replace(found.deformation, displacement=tuple(texts))
     faults = tuple(folded(found, ranks).sentences())
-    told = (str(own), *_doubts(components), *faults)
+    told = (str(own), *_doubts(components, found.mesh.excerpt is not None), *faults)
     new = tuple(remark for remark in told if remark not in found.remarks)
     return replace(found, remarks=(*found.remarks, *new), deformation=replace(own, told=new, folds=bool(faults)))
 
@@ -158,8 +158,13 @@ def component_texts(dataset: Dataset, displacement: str) -> list[str]:
     return texts
 
 
-def _doubts(components: Sequence[Field]) -> Iterator[str]:
-    """Remarks on a displacement with jumps."""
+def _doubts(components: Sequence[Field], is_part: bool) -> Iterator[str]:
+    """Remarks on a displacement with jumps, and for a part of the data on one that may have some."""
+    if is_part and any(own.continuous is not True for own in components):
+        yield (
+            "parts of the data keep their elements joined where the displacement jumps: gaps are no boundary; use one "
+            "process without a memory limit to see them"
+        )
     broken = [own.name for own in components if own.continuous is False]
     if broken:
         names = ", ".join(broken)
