@@ -91,3 +91,10 @@ def test_plots_stay_and_are_saved(page, viewer, tmp_path):
         page.get_by_role("button", name="Close the plot").first.click()
     assert page.get_by_role("region", name="plots").count() == 0
     settled(page, viewer)
+
+
+def test_parts_of_a_line_outside_the_data_are_reported(page, viewer):
+    """The cube fills a third of the line."""
+    page.evaluate("elvis.plots.add('line', { start: [-1, 0.5, 0.5], end: [2, 0.5, 0.5], name: 'across' })")
+    share = page.get_by_text("% outside the data").text_content()
+    assert 64 <= int(share.split()[0]) <= 70

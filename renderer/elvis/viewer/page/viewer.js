@@ -2207,19 +2207,27 @@ class PlotFrame {
     this.cursor = shape("path", { stroke: "currentColor", fill: "none", "stroke-dasharray": "3 3" });
     return [shape("path", { d: rules.join(""), stroke: "currentColor", opacity: 0.13, fill: "none" }),
       shape("path", { d: `M${this.left} ${this.top}V${foot}h${this.width}`, stroke: "currentColor", fill: "none" }),
-      ...this.curves.flatMap((one) => this.curve(one)),
+      ...this.curves.flatMap((one) => this.curve(one)), ...this.outside(),
       ...beside.map((value) => shape("text", { ...text, x: this.left - 6, y: this.y(value) + 4, "text-anchor": "end" }, short(value))),
       ...below.map((value) => shape("text", { ...text, x: this.x(value), y: foot + 15, "text-anchor": "middle" }, short(value))),
       shape("text", { ...text, x: this.left + this.width / 2, y: foot + 31, "text-anchor": "middle" }, plot.kind === "histogram" ? this.quantity : plot.x),
       shape("text", { ...text, "text-anchor": "middle", transform: `translate(14 ${middle}) rotate(-90)` }, name), this.cursor];
   }
 
+  // how much of the lines has no values
+  outside() {
+    const values = this.curves.flatMap((one) => one.values), count = values.filter((value) => value === null).length;
+    if (this.plot.kind !== "line" || !count) return [];
+    return [shape("text", { "font-size": 11, fill: "currentColor", x: this.left + this.width, y: this.top + 11, "text-anchor": "end" }, `${Math.ceil((100 * count) / values.length)} % outside the data`)];
+  }
+
   curve(one) {
     const { color, dash } = one.source, isHistogram = this.plot.kind === "histogram";
     const line = shape("path", { d: isHistogram ? this.steps(one) : this.path(one), fill: "none", stroke: color, "stroke-width": 1.8, "stroke-linejoin": "round", "stroke-dasharray": dash });
-    if (isHistogram || one.values.length > FEW) return [line];
-    const along = this.along(one);
-    return [line, ...one.values.map((value, i) => value !== null && shape("circle", { cx: this.x(along[i]), cy: this.y(value), r: 2.5, fill: color })).filter(Boolean)];
+    if (isHistogram) return [line];
+    const along = this.along(one), known = (i) => (one.values[i] ?? null) !== null, isSparse = one.values.length <= FEW;
+    // a value without neighbours makes no line
+    return [line, ...one.values.map((value, i) => known(i) && (isSparse || !(known(i - 1) || known(i + 1))) && shape("circle", { cx: this.x(along[i]), cy: this.y(value), r: 2.5, fill: color })).filter(Boolean)];
   }
 
   // a curve, interrupted where there are no values and between several curves of a wall
