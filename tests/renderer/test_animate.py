@@ -231,6 +231,7 @@ def test_steps_in_which_nothing_is_visible_have_no_frame(files, tmp_path, monkey
         run("animate", *files[:2], "--key", "zoom=1:2", "--frames", "2", "-o", tmp_path / "still")
     with pytest.raises(ElvisError, match="expected a step that can be drawn, found none among 2"):
         run("animate", *files[:3], "-o", tmp_path / "none")
+    assert [name for name in ("frames", "still", "none") if (tmp_path / name).exists()] == ["frames"]
 
 
 def test_workers_draw_the_frames_that_are_missing(files, tmp_path, drawn):

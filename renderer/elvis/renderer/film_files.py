@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -76,6 +77,13 @@ class FrameFolder:
             record = {"frames": self.scenes, **({"series": self._coloured} if self._coloured else {})}
             write_text(self.folder / RECORD, json.dumps(record, indent=1) + "\n", outputs)
         return [number for number in range(len(self.scenes)) if number not in kept]
+
+    def drop_empty(self) -> None:
+        """Remove the record if no frame was drawn, and the folder if nothing else is in it."""
+        if self.folder.is_dir() and not self.paths():
+            (self.folder / RECORD).unlink(missing_ok=True)
+            with suppress(OSError):
+                self.folder.rmdir()
 
     def _known(self) -> list[Any] | None:
         """The frames in the record; None if there is none."""

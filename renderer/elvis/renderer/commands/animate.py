@@ -167,7 +167,11 @@ def animate(
         scenes = _filmed(reader.first_camera, scenes_of(scene, moments, moving), orbit, path)
         reader.open()
         place = FrameFolder(folder, [table_of(scene) for scene in scenes], film.files, coloured)
-        found = _draw(film, scenes, place, team)
+        try:
+            found = _draw(film, scenes, place, team)
+        finally:
+            if not ranks.rank:
+                place.drop_empty()
     if ranks.rank:
         return
     for path_of_film in films:
