@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
-from elvis.core.files.pieces import substituted
+from elvis.core.files.pieces import pieces, substituted
 from elvis.core.files.plain import content, leading
 
 #: kinds of elements: vertices, dimension, letter before the order, numbers of an entry of an ordering table
@@ -32,6 +32,9 @@ ELEMENTS: dict[str, tuple[int, int, str, int]] = {
 _HIGHEST = 4
 _COMMENT = re.compile(rb"#[^\n]*")
 _LINE_END = re.compile(rb"\n")
+_SPACE = re.compile(rb"\s")
+_KEYWORD = re.compile(rb"(?<!\S)[A-Za-z]\S*")
+_WORD = re.compile(rb"\s*(\S+)")
 
 #: numbers of nodes by order
 _NODES: dict[str, tuple[int, ...]] = {
@@ -252,35 +255,49 @@ class _Text:
     """Keywords and numbers, apart by any space."""
 
     def __init__(self, file: GmfFile, raw: bytes) -> None:
-        self.file, self.at = file, 0
-        self.words = substituted(_COMMENT, b"", raw, _LINE_END).split()
+        self.file, self.at, self.stop = file, 0, 0
+        self.text = substituted(_COMMENT, b"", raw, _LINE_END)
         version, dimension = self._integer_after(b"MeshVersionFormatted"), self._integer_after(b"Dimension")
         file.declare(version, dimension)
-        starts = [i for i, word in enumerate(self.words) if word[:1].isalpha() and word.lower() not in (b"nan", b"inf")]
-        for start, stop in zip(starts, [*starts[1:], len(self.words)], strict=True):
-            name = self.words[start].decode("ascii", "replace")
+        last = b""
+        for section in self._sections():
+            last, self.at, self.stop = section
+            name = last.decode("ascii", "replace")
             if name in KEYWORDS:
-                self.at, self.stop = start + 1, stop
                 self._read(name)
-        if not starts or self.words[starts[-1]] != b"End":
+        if last != b"End":
             raise FormatError("expected the keyword End, found none", file=file.path)
+
+    def _sections(self) -> Iterator[tuple[bytes, int, int]]:
+        """Each keyword, with the start and end of the text up to the next one."""
+        name, start = b"", 0
+        for word in _KEYWORD.finditer(self.text):
+            if word[0].lower() in (b"nan", b"inf"):
+                continue
+            if name:
+                yield name, start, word.start()
+            name, start = word[0], word.end()
+        if name:
+            yield name, start, len(self.text)
 
     def _integer_after(self, name: bytes) -> int:
         """The integer that follows a keyword of the header."""
+        found = re.search(rb"(?<!\S)" + name + rb"\s+(\S+)", self.text)
         try:
-            return int(self.words[self.words.index(name) + 1])
-        except (ValueError, IndexError):
+            return int(found[1]) if found else int("")
+        except ValueError:
             expected = f"a number after {name.decode()}"
             raise FormatError(f"expected {expected}, found none", file=self.file.path) from None
 
     def _integer(self, place: str) -> int:
+        word = _WORD.match(self.text, self.at, self.stop)
         try:
-            value = int(self.words[self.at]) if self.at < self.stop else None
+            value = int(word[1]) if word else None
         except ValueError:
             value = None
-        if value is None:
+        if word is None or value is None:
             raise FormatError("expected an integer, found something else", file=self.file.path, place=place)
-        self.at += 1
+        self.at = word.end()
         return value
 
     def _read(self, name: str) -> None:
@@ -295,13 +312,19 @@ class _Text:
                 degree, nodes = self._integer(name), self._integer(name)
             reals = file.width(types, name) * nodes
         width = reals + keyword.integers
-        words = self.words[self.at : self.stop]
-        if rows < 0 or len(words) != rows * width:
+        numbers = self._numbers(name)
+        if rows < 0 or len(numbers) != rows * width:
             expected = f"{rows} rows of {width} numbers"
-            raise FormatError(f"expected {expected}, found {len(words)} numbers", file=file.path, place=name)
-        try:
-            table = np.array(words, np.float64).reshape(rows, width)
-        except ValueError:
-            raise FormatError("expected numbers, found something else", file=file.path, place=name) from None
+            raise FormatError(f"expected {expected}, found {len(numbers)} numbers", file=file.path, place=name)
+        table = numbers.reshape(rows, width)
         integers = table[:, reals:].astype(np.int64)
         file.add(name, Section(np.ascontiguousarray(table[:, :reals]), integers, types, degree, nodes))
+
+    def _numbers(self, name: str) -> Floats:
+        """(n,) the numbers that are left of a section, read in pieces: words are objects, which take more memory."""
+        rest = self.text[self.at : self.stop]
+        try:
+            found = [np.array(piece.split(), np.float64) for piece in pieces(rest, _SPACE)]
+        except ValueError:
+            raise FormatError("expected numbers, found something else", file=self.file.path, place=name) from None
+        return np.concatenate([np.empty(0), *found])
