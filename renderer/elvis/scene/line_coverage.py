@@ -14,7 +14,7 @@ STEP = 1.0
 def coverage(lines: Segments, shape: tuple[int, int]) -> tuple[Ints, Floats]:
     """Numbers (n,) of the pixels that lines touch, and the part of each that they cover.
 
-    A pixel's part follows from the distance between its centre and the line.
+    A pixel's part follows from the distance between its centre and the line; lines end about a pixel behind their ends.
     """
     height, width = shape
     places, across = _points_along(lines)
@@ -23,8 +23,10 @@ def coverage(lines: Segments, shape: tuple[int, int]) -> tuple[Ints, Floats]:
     covered = np.zeros(height * width, np.float64)
     for shift in np.ndindex(2 * reach + 1, 2 * reach + 1):
         pixel = nearest + np.array(shift) - reach
-        aside = np.abs(((pixel - places) * across).sum(axis=1))
-        ink = np.clip(0.5 * lines.width + 0.5 - aside, 0.0, 1.0)
+        step = pixel - places
+        aside = np.abs((step * across).sum(axis=1))
+        beyond = np.abs(step[:, 0] * across[:, 1] - step[:, 1] * across[:, 0])
+        ink = np.where(beyond <= STEP, np.clip(0.5 * lines.width + 0.5 - aside, 0.0, 1.0), 0.0)
         is_inside = ((pixel >= 0) & (pixel < [width, height])).all(axis=1) & (ink > 0.0)
         numbers = pixel[is_inside, 1] * width + pixel[is_inside, 0]
         np.maximum.at(covered, numbers, ink[is_inside])
