@@ -8,6 +8,7 @@ from elvis import Camera, Faces, MeshLines, SceneError, Style, render
 from elvis.core.shapes import Shape
 from elvis.core.testing import with_field
 from elvis.core.testing.meshes import connected
+from elvis.scene.rulers import sides
 
 
 def chain(points, function):
@@ -33,6 +34,23 @@ def test_plots_show_values_over_x():
     assert set(np.unique(frame.element)) == {-1, 0, 1, 2}
     assert frame.range == pytest.approx((0.0, 8.0))
     assert len(np.unique(columns)) == np.ptp(columns) + 1
+
+
+def test_axes_of_plots_show_the_quantity():
+    """Values between -3 and 5: rows of ticks are where the curve has their values."""
+    frame = render(chain(axis(4), lambda p: 5.0 - 2.0 * p[:, 0] ** 2), size=(300, 200))
+    _, upright = sides(frame.view, (5, 5), frame.ordinate)
+    assert (upright.name, frame.has_rulers) == ("u", True)
+    rows, columns = np.nonzero(frame.seen)
+    told = np.interp(rows, upright.places[::-1, 1], [float(text) for text in upright.texts[::-1]], -np.inf, np.inf)
+    known = np.isfinite(told)
+    assert known.mean() > 0.5
+    assert np.abs(told[known] - frame.field[rows, columns][known]).max() < 0.15
+    axes = frame.plot().axes
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x", "u")
+    bottom, top = axes.get_ylim()
+    assert -4.0 < bottom < -3.0
+    assert 5.0 < top < 6.0
 
 
 def test_jumps_leave_gaps():

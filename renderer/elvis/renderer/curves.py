@@ -17,7 +17,7 @@ from elvis.renderer.passes.lines.lines import line_coverage
 from elvis.scene import Camera, Faces, Plane, Scene, Style
 from elvis.scene.errors import AbsentError, SceneError
 from elvis.scene.fitting import automatic, empty_picture_remark, surrounding
-from elvis.scene.frame import Drawing, Frame, Legend, Status
+from elvis.scene.frame import Drawing, Frame, Legend, Ordinate, Status
 from elvis.scene.palette import Palette, automatic_range
 from elvis.scene.view import View
 
@@ -31,7 +31,8 @@ class Curves:
     """The elements of 1D data: at `count` even reference points of each, arrays by point."""
 
     def __init__(self, dataset: Dataset, quantity: str) -> None:
-        self.expression, self.is_plot = Expression.of(dataset, quantity), dataset.mesh.space == 1
+        self.quantity, self.is_plot = quantity, dataset.mesh.space == 1
+        self.expression = Expression.of(dataset, quantity)
         self.evaluator = Evaluator(dataset, [self.expression])
         self.scale, self.base = 1.0, 0.0
         self.sample(33)
@@ -51,6 +52,11 @@ class Curves:
         self.count = count
         if self.is_plot:
             self.place[:, 1] = self.scale * (np.nan_to_num(self.value) - self.base)
+
+    @property
+    def ordinate(self) -> Ordinate | None:
+        """The meaning of y in a plot."""
+        return Ordinate(self.quantity, self.base, self.scale) if self.is_plot else None
 
     def boxes(self) -> Boxes:
         """(k, 6) boxes around the elements."""
@@ -87,7 +93,7 @@ class Curves:
 def draw_curves(dataset: Dataset, scene: Scene) -> Frame:
     """A picture of 1D data, coloured by the scene's field; only faces of the scene's objects are used, for their style.
 
-    If the data lie on the x axis, their values become y, scaled to a plot; positions refer to the plot.
+    If the data lie on the x axis, their values become y, scaled to a plot with axes; positions refer to the plot.
     """
     if any(not isinstance(item, Faces) for item in scene.every_object):
         raise SceneError("1D data are drawn as curves: remove cuts, isosurfaces and volumes")
@@ -146,6 +152,7 @@ def _frame(
         reference.reshape(*shape, 3),
         np.where(seen, Status.CERTAIN, Status.MISS).astype(np.uint8).reshape(shape),
         drawing=drawing,
+        ordinate=curves.ordinate,
     )
     frame.stats.update(device={"name": "host", "label": "NumPy"}, elements=len(curves.boxes()), pixels=frame.counts())
     return frame

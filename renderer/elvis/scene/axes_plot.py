@@ -23,7 +23,8 @@ def plot_frame(frame: Frame, axes: Any, colorbar: bool) -> Any:
 
         axes = pyplot.subplots()[1]
     place = _Place(frame)
-    image = axes.imshow(frame.image, extent=place.extent, interpolation="nearest", aspect="equal")
+    aspect = "equal" if frame.ordinate is None else "auto"
+    image = axes.imshow(frame.image, extent=place.extent, interpolation="nearest", aspect=aspect)
     if place.names:
         axes.set(xlabel=place.names[0], ylabel=place.names[1])
     else:
@@ -56,6 +57,11 @@ class _Place:
             self._origin = np.array([corner[axes[0]], corner[axes[1]]])
             self._step = np.array([view.column[axes[0]], view.row[axes[1]]])
             self.names = tuple("xyz"[axis] for axis in axes)
+        if self.names and frame.ordinate is not None:
+            own = frame.ordinate
+            self._origin[1] = own.base + self._origin[1] / own.scale
+            self._step[1] /= own.scale
+            self.names = (self.names[0], own.name)
         ends = self.of(np.array([[-0.5, -0.5], [view.width - 0.5, view.height - 0.5]]))
         self.extent = (*ends[:, 0].tolist(), ends[1, 1].item(), ends[0, 1].item())
 

@@ -37,7 +37,7 @@ def needs_figure(frame: Frame, suffix: str) -> bool:
     scene = frame.scene
     if suffix in VECTORS or (frame.drawing is not None and frame.drawing.strokes):
         return True
-    asked = scene.axes or scene.scale_bar or scene.box or scene.is_clear or scene.font or scene.font_size
+    asked = frame.has_rulers or scene.scale_bar or scene.box or scene.is_clear or scene.font or scene.font_size
     has_more = bool(scene.texts or scene.image)
     has_bar = any(legend.bar is not None for legend in frame.legends)
     return not scene.plain and bool(asked or has_more or has_bar or (scene.title or "").count("$") > 1)

@@ -107,6 +107,15 @@ class Drawing:
     copies: Ints | None = None
 
 
+@dataclass(frozen=True)
+class Ordinate:
+    """What y means in a plot: the value ``base`` + y / ``scale`` of a quantity."""
+
+    name: str
+    base: float
+    scale: float
+
+
 @dataclass(frozen=True, eq=False)
 class Frame:
     """A picture; row 0 is the top.
@@ -119,6 +128,7 @@ class Frame:
     box        (2, 3) low and high corner of the domain, if the picture shows it
     instant    time of a series that is shown, None for data that are not a series
     domain     lines of the domain, which images have over their pixels, but records do not
+    ordinate   meaning of y if the picture is a plot of a quantity over x
     drawing    None for a single unlit plane, whose colours, depths and normals follow from the rest
     """
 
@@ -133,6 +143,12 @@ class Frame:
     box: Floats | None = None
     instant: Instant | None = None
     domain: Segments | None = None
+    ordinate: Ordinate | None = None
+
+    @property
+    def has_rulers(self) -> bool:
+        """Whether axes with ticks are drawn: on request, and next to plots."""
+        return self.scene.axes or self.ordinate is not None
 
     @property
     def title(self) -> str:

@@ -109,7 +109,7 @@ class Panel:
         if scene.box:
             for line in box_edges(self.frame):
                 self._line(line, clip_on=True)
-        if scene.axes:
+        if self.frame.has_rulers:
             self._draw_rulers()
         elif not self.frame.view.faces_ground and min(self.width, self.height) >= 16 * self.unit:
             self._draw_arrows()
@@ -151,7 +151,8 @@ class Panel:
         if straight:
             most = max(3, self.width // (6 * self.unit)), max(3, self.height // (4 * self.unit))
             self._line(np.array([[0, 0], [self.width, 0], [self.width, self.height], [0, self.height], [0, 0]]) - 0.5)
-        for ruler in sides(self.frame.view, most) if straight else box_rulers(self.frame):
+        frame = self.frame
+        for ruler in sides(frame.view, most, frame.ordinate) if straight else box_rulers(frame):
             self._draw_ruler(ruler)
 
     def _draw_ruler(self, ruler: Ruler) -> None:

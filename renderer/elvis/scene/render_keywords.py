@@ -208,6 +208,10 @@ class SharedKeywords(TypedDict, total=False):
     """About N contour lines at round values (N:even: exactly N), or given ones; :labels: values."""
     isosurfaces: Isosurface | Mapping[str, Any] | ArrayLike | Sequence[Isosurface | str] | None
     """Isosurface(s) of quantity Q at value(s) V; Q defaults to --field."""
+    boundary: Faces | str | Sequence[Faces | str] | None
+    """Element faces: all (outer), inner, names of boundaries, element:ID, shape:NAME, region:NAME."""
+    boundaries: Faces | str | Sequence[Faces | str] | None
+    """Element faces: all (outer), inner, names of boundaries, element:ID, shape:NAME, region:NAME."""
     show_edges: MeshLines | Mapping[str, Any] | bool | None
     """Draw the borders of elements."""
     alpha: float | None

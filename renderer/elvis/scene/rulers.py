@@ -12,7 +12,7 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats
 from elvis.scene import Camera
-from elvis.scene.frame import Frame
+from elvis.scene.frame import Frame, Ordinate
 from elvis.scene.palette import ticks
 from elvis.scene.picture import labels
 from elvis.scene.view import View
@@ -42,7 +42,7 @@ def aligned(camera: Camera) -> tuple[int, int] | None:
     return (across, upward) if straight and camera.fov is None else None
 
 
-def sides(view: View, most: tuple[int, int]) -> tuple[Ruler, Ruler]:
+def sides(view: View, most: tuple[int, int], ordinate: Ordinate | None = None) -> tuple[Ruler, Ruler]:
     """The rulers below and to the left of an aligned view, with n ticks at most."""
     axes = aligned(view.camera)
     assert axes is not None
@@ -52,12 +52,15 @@ def sides(view: View, most: tuple[int, int]) -> tuple[Ruler, Ruler]:
     found = []
     for number, (axis, end) in enumerate(zip(axes, (right, top), strict=True)):
         step = (view.column, view.row)[number][axis]
-        low, high = sorted(float(origin[axis] + step * place[number]) for place in (corner, end))
+        start, name = float(origin[axis]), "xyz"[axis]
+        if ordinate is not None and number == 1:
+            start, step, name = ordinate.base + start / ordinate.scale, step / ordinate.scale, ordinate.name
+        low, high = sorted(float(start + step * place[number]) for place in (corner, end))
         marked = ticks(low, high, most[number])
         places = np.repeat(corner[None], len(marked), axis=0)
-        places[:, number] = (np.array(marked) - origin[axis]) / step
+        places[:, number] = (np.array(marked) - start) / step
         away = np.array([0.0, 1.0]) if number == 0 else np.array([-1.0, 0.0])
-        found.append(Ruler("xyz"[axis], np.array([corner, end]), places, tuple(labels(marked)), away))
+        found.append(Ruler(name, np.array([corner, end]), places, tuple(labels(marked)), away))
     return found[0], found[1]
 
 
