@@ -9,6 +9,8 @@ from functools import lru_cache
 from math import inf, isfinite
 from typing import Any
 
+from elvis.core.rounded_up import rounded_up
+
 #: key of the metadata under which the report of a conversion stands
 REPORT = "ConversionReport"
 
@@ -54,7 +56,7 @@ class ConversionErrors:
         """Describe the size of the errors in words."""
         named = [("coordinates", self.place)] if self.place.value else []
         named += sorted(self.fields.items(), key=lambda item: -item[1].relative)[:1]
-        told = " and ".join(f"{loss.relative:.2g} in {name}" for name, loss in named)
+        told = " and ".join(f"{rounded_up(loss.relative)} in {name}" for name, loss in named)
         return f"errors of up to {told}, relative to its range"
 
 

@@ -30,6 +30,7 @@ from elvis.core.quantities.element_sides import SIDES
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression_nets import degree_on
 from elvis.core.quantities.tree import Node, fold, whole_exponent
+from elvis.core.rounded_up import rounded_up
 from elvis.core.shapes import Shape
 from elvis.plugins.common_blocks import on_common_blocks
 from elvis.plugins.conversion import Elements, PyramidSpace, SourceField
@@ -135,7 +136,7 @@ def _is_beyond(measure: Measure, tolerance: float) -> bool:
 
 def _beyond(measure: Measure, tolerance: float) -> str:
     return (
-        f"{measure.name} is off by up to {measure.relative:.2g} of its range, in element {measure.element}: "
+        f"{measure.name} is off by up to {rounded_up(measure.relative)} of its range, in element {measure.element}: "
         f"no order up to {measure.order} is within the tolerance {tolerance:g}"
     )
 

@@ -12,6 +12,7 @@ from elvis.core.arrays import frozen_floats, frozen_ints
 from elvis.core.dataset import Block, Dataset, Field
 from elvis.core.errors import ElvisError
 from elvis.core.integrals import integrate
+from elvis.core.rounded_up import rounded_up
 from elvis.plugins.added_quantities import unchanged_map, with_errors
 from elvis.plugins.common_blocks import on_common_blocks
 from elvis.plugins.element_projection import ElementProjection
@@ -132,7 +133,7 @@ def report_of_transfer(found: Transfer, files: Sequence[Path]) -> Report:
         notes.append(f"the data cover {found.covered:.10g} of the target's measure{is_estimate}")
     if found.residual > 0:
         notes.append(
-            f"the quadrature error where elements of the data end is up to {found.residual:.2g} of a field, an "
+            f"the quadrature error where elements of the data end is up to {rounded_up(found.residual)} of a field, an "
             "estimate from two rules"
         )
     transfer = {

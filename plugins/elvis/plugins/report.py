@@ -10,6 +10,7 @@ from typing import Any
 
 from elvis.core import conversion_errors
 from elvis.core.relative import error_limit, scale
+from elvis.core.rounded_up import rounded_up
 
 #: an error below this share of the range, or of the largest magnitude, is rounding
 _OF_RANGE, _OF_MAGNITUDE = 1e-11, 1e-13
@@ -70,7 +71,7 @@ class Measure:
         """How a field that was added holds its quantity."""
         if self.is_exact:
             return f"{self.name}: exact at order {self.order}"
-        return f"{self.name}: projected at order {self.order}, off by up to {self.relative:.2g} of its range"
+        return f"{self.name}: projected at order {self.order}, off by up to {rounded_up(self.relative)} of its range"
 
     def facts(self) -> dict[str, Any]:
         """Facts for JSON; None for a number beyond the range of 64 bits."""
@@ -165,10 +166,10 @@ class Report:
         worst = max((self.geometry, *self.fields), key=lambda measure: measure.relative)
         lost = [measure for measure in (self.geometry, *self.fields) if not measure.is_exact]
         if lost:
-            told = " and ".join(f"{measure.relative:.2g} in {measure.name}" for measure in _some_of(lost))
+            told = " and ".join(f"{rounded_up(measure.relative)} in {measure.name}" for measure in _some_of(lost))
             found = f"with errors of up to {told}, relative to its range"
         else:
-            found = f"exact to the rounding of its numbers (up to {worst.relative:.1g} of a range)"
+            found = f"exact to the rounding of its numbers (up to {rounded_up(worst.relative, 1)} of a range)"
         more = "; see elvis info" if len(self.sentences()) > len(self.warnings) else ""
         return f"{', '.join(self.files)}: converted in memory, {found}{more}"
 
@@ -189,8 +190,8 @@ class Report:
         if self.has_map:
             share, element = self.deviation
             said.append(
-                f"the map is written as fields: without them, the curves of the mesh file are off by up to {share:.2g} "
-                f"of an element's size, in element {element}"
+                "the map is written as fields: without them, the curves of the mesh file are off by up to "
+                f"{rounded_up(share)} of an element's size, in element {element}"
             )
         if self.fields and not self.geometry.is_exact:
             said.append("the map is projected: errors of fields are measured at points in space and include its error")

@@ -7,6 +7,7 @@ from archives import arrays_of
 from click.testing import CliRunner
 
 from elvis import Dataset, ElvisError, Shape, integrate, read, write
+from elvis.core.rounded_up import rounded_up
 from elvis.core.testing import grid, with_field
 from elvis.plugins.command import elvis as group
 
@@ -158,4 +159,4 @@ def test_progress_reports_the_error_reached(channel, monkeypatch):
     report = command.reporter()
     for error in reached:
         report(error)
-    assert lines[0] == f"error reached so far: {reached[0]:.2g} of the integral of the absolute value"
+    assert lines[0] == f"error reached so far: {rounded_up(reached[0])} of the integral of the absolute value"

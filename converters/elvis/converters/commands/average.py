@@ -17,6 +17,7 @@ from elvis.core.arguments import (
     set_option,
 )
 from elvis.core.errors import ElvisError
+from elvis.core.rounded_up import rounded_up
 
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
@@ -116,7 +117,7 @@ def _write_planes(dataset: Dataset, direction: str, planes: tuple[float, float, 
         found = plane_means(dataset, direction, np.linspace(*planes).tolist())
     columns = {direction: found.places, "size": found.sizes, **found.means}
     write_columns(output, {name: np.array(own) for name, own in columns.items()})
-    worst = ", ".join(f"{name} {error:.2g}" for name, error in found.errors.items())
+    worst = ", ".join(f"{name} {rounded_up(error)}" for name, error in found.errors.items())
     say(f"{output}: means over {len(found.places)} planes across {direction}; errors up to {worst}")
 
 

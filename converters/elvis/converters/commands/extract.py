@@ -24,6 +24,7 @@ from elvis.core.arguments import (
 )
 from elvis.core.axis_planes import box_of, point_and_normal
 from elvis.core.errors import ElvisError
+from elvis.core.rounded_up import rounded_up
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -306,7 +307,7 @@ def _write_level_lines(
         print_json({**facts, "distance": found.distance, "is_bound": found.is_bound})
         return
     count = f"{len(found.lines):,} segments of {number} line{'s' if number > 1 else ''}"
-    far = f"within {found.distance:.2g} of the curve" + ("" if found.is_bound else ", an estimate")
+    far = f"within {rounded_up(found.distance)} of the curve" + ("" if found.is_bound else ", an estimate")
     say(f"{output}: {count}, {far}; length {found.length:.10g}")
 
 
@@ -379,7 +380,7 @@ def _write_curved(
     if as_json:
         print_json({"triangles": len(found.points), "order": order, "distance": found.distance, "is_bound": False})
         return
-    far = f"within {found.distance:.2g} of the surface, an estimate"
+    far = f"within {rounded_up(found.distance)} of the surface, an estimate"
     say(f"{output}: {len(found.points):,} triangles of order {order}, {far}")
 
 
@@ -391,7 +392,7 @@ def _tell(found: SurfaceTriangles, output: Path, as_json: bool) -> None:
         facts = {"triangles": len(found.triangles), "points": len(found.points), "area": found.area}
         print_json({**facts, "distance": found.distance, "is_bound": found.is_bound})
         return
-    far = f"within {found.distance:.2g} of the surface" + ("" if found.is_bound else ", an estimate")
+    far = f"within {rounded_up(found.distance)} of the surface" + ("" if found.is_bound else ", an estimate")
     say(f"{output}: {len(found.triangles):,} triangles, {far}; area {found.area:.10g}")
 
 

@@ -26,6 +26,7 @@ from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.moved_expressions import moved
 from elvis.core.quantities.names import Names
 from elvis.core.ranks import ALONE, Ranks
+from elvis.core.rounded_up import rounded_up
 from elvis.core.terminal import Progress
 
 #: default of the requested error, relative to the integral of the absolute value
@@ -193,7 +194,7 @@ def _error(row: Integral) -> str:
     """The error, with a note unless it is a bound below the requested error."""
     words = {EXACT: ["rounding"], BOUND: [], ESTIMATE: ["estimate"]}[row.kind]
     words = words if row.finished else [*words, "unfinished"]
-    return f"{row.error:.2g}" + (f" ({', '.join(words)})" if words else "")
+    return rounded_up(row.error) + (f" ({', '.join(words)})" if words else "")
 
 
 def comes_apart(
@@ -423,4 +424,4 @@ def _remarks(rows: Sequence[tuple[str, Sums]], wanted: Sequence[Integrand], erro
 def _precision(sums: Sums, number: int) -> str:
     """Precision of an integral: relative to the integral of the absolute value, unless that may be zero."""
     own, magnitude = sums.error[number], sums.magnitude[number]
-    return f"to {own / magnitude:.2g} of its size" if magnitude > own else f"within {own:.2g}"
+    return f"to {rounded_up(own / magnitude)} of its size" if magnitude > own else f"within {rounded_up(own)}"

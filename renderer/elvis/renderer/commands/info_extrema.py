@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+from elvis.core.rounded_up import rounded_up
 from elvis.renderer.commands.sources import NativeSource, tell_conversion
 
 if TYPE_CHECKING:
@@ -76,6 +77,6 @@ def _table(
     for each, ends in zip(known, pairs, strict=True):
         for end, own in zip(_ENDS, ends, strict=True):
             place = ", ".join(f"{x:.10g}" for x in own.position)
-            certainty = f"{abs(own.bound - own.value):.2g}"
+            certainty = rounded_up(abs(own.bound - own.value))
             rows.append((each.text, end, f"{own.value:.15g}", certainty, place, str(own.element)))
     return ("quantity", "", "value", "bound", "position", "element"), rows

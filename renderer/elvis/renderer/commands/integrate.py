@@ -11,6 +11,7 @@ import click
 
 from elvis.core.arguments import field_option, json_option, overwrite_option, times_option, top_modes_option
 from elvis.core.ranks import ALONE, Ranks, is_idle
+from elvis.core.rounded_up import rounded_up
 from elvis.plugins.running import shared
 from elvis.renderer.commands.sources import Data, NativeSource, data_options, native_source, or_alone
 from elvis.renderer.commands.with_copies import copies_options
@@ -223,7 +224,7 @@ def reporter() -> Callable[[float], None]:
         nonlocal last
         if monotonic() - last >= REPORT_AFTER:
             last = monotonic()
-            announce(f"error reached so far: {reached:.2g} of the integral of the absolute value")
+            announce(f"error reached so far: {rounded_up(reached)} of the integral of the absolute value")
 
     return report
 
