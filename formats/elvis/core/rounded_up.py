@@ -10,7 +10,7 @@ _CLOSE = 1e-12
 
 
 def rounded_up(error: float, digits: int = 2) -> str:
-    """A bound or a measured error with so many digits, rounded up.
+    """The text of a bound or a measured error: its first ``digits`` significant digits, rounded up.
 
     Examples
     --------

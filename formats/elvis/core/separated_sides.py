@@ -90,7 +90,7 @@ def _positions(block: GeometryBlock) -> ValuesAt:
 
 
 def _pairs_apart(parts: list[tuple[SideTraces, int, Ints]], room: float) -> tuple[Ints, Ints, Ints]:
-    """Sides whose images differ, with the shape and row of their second element; those of three elements stay."""
+    """Sides whose images differ, with the shape and row of the second element; sides of three elements stay shared."""
     side = np.concatenate([own.side for own, _, _ in parts])
     shape = np.concatenate([np.full(len(rows), number) for _, number, rows in parts])
     row = np.concatenate([rows for _, _, rows in parts])

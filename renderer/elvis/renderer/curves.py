@@ -13,11 +13,11 @@ from elvis.core.mapping.boxes import Boxes
 from elvis.core.mapping.pointwise import positions
 from elvis.core.quantities import Expression
 from elvis.core.quantities.evaluator import Evaluator
-from elvis.renderer.passes.lines.lines import line_coverage
 from elvis.scene import Camera, Faces, Plane, Scene, Style
 from elvis.scene.errors import AbsentError, SceneError
 from elvis.scene.fitting import automatic, empty_picture_remark, surrounding
 from elvis.scene.frame import Drawing, Frame, Legend, Ordinate, Status
+from elvis.scene.line_coverage import line_coverage
 from elvis.scene.palette import Palette, automatic_range
 from elvis.scene.view import View
 

@@ -11,6 +11,11 @@ from elvis.scene.strokes import Segments
 STEP = 1.0
 
 
+def line_coverage(distance: Floats, width: float) -> Floats:
+    """Part (n,) of a pixel that a line covers whose middle is this far from the pixel's centre; both in pixels."""
+    return np.clip(0.5 * width + 0.5 - distance, 0.0, min(1.0, width))
+
+
 def coverage(lines: Segments, shape: tuple[int, int]) -> tuple[Ints, Floats]:
     """Numbers (n,) of the pixels that lines touch, and the part of each that they cover.
 
@@ -26,7 +31,7 @@ def coverage(lines: Segments, shape: tuple[int, int]) -> tuple[Ints, Floats]:
         step = pixel - places
         aside = np.abs((step * across).sum(axis=1))
         beyond = np.abs(step[:, 0] * across[:, 1] - step[:, 1] * across[:, 0])
-        ink = np.where(beyond <= STEP, np.clip(0.5 * lines.width + 0.5 - aside, 0.0, 1.0), 0.0)
+        ink = np.where(beyond <= STEP, line_coverage(aside, lines.width), 0.0)
         is_inside = ((pixel >= 0) & (pixel < [width, height])).all(axis=1) & (ink > 0.0)
         numbers = pixel[is_inside, 1] * width + pixel[is_inside, 0]
         np.maximum.at(covered, numbers, ink[is_inside])

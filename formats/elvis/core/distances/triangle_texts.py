@@ -243,9 +243,9 @@ def _rows(text: bytes) -> tuple[Ints, Ints]:
 
 
 def _fans(indices: Ints | Floats, starts: Ints, counts: Ints, vertices: int) -> Ints:
-    """(m, 3) triangles of polygons, the corners of which are ``counts`` indices from ``starts`` on.
+    """(m, 3) triangles of polygons.  The corners of each are ``counts`` indices, the first one at ``starts``.
 
-    Raises FormatError if one has less than three corners or a corner that there is not.
+    Raises FormatError if a polygon has fewer than three corners, or a corner that is no vertex.
     """
     if not len(counts):
         return np.zeros((0, 3), np.int64)

@@ -25,6 +25,7 @@ from elvis.renderer.memory import Buffer
 from elvis.renderer.pixels import NOBODY
 from elvis.renderer.tiles import order_of
 from elvis.scene.errors import SceneError
+from elvis.scene.line_coverage import line_coverage
 from elvis.scene.view import View
 
 #: most contour values, and largest width in pixels, that a mark holds
@@ -276,11 +277,6 @@ def _work_items(pixel: Ints, element: NDArray[Any], dtype: np.dtype[Any], whole:
     items["element"] = element
     items["whole"] = whole
     return items
-
-
-def line_coverage(distance: Floats, width: float) -> Floats:
-    """Part (n,) of a pixel that a line covers whose middle is this far from the pixel's centre; both in pixels."""
-    return np.clip(0.5 * width + 0.5 - distance, 0.0, min(1.0, width))
 
 
 def _check(holds: bool, otherwise: str) -> None:
