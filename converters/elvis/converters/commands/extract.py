@@ -144,10 +144,10 @@ def extract(
     """Write a surface of DATA, a boundary, a cut or an isosurface, or streamlines.
 
     Triangles have their corners on the exact surface and lie within --tolerance of it, by bounds on second derivatives
-    if the quantity is a smooth function of polynomials on each element, else by an estimate.  So do their outlines at
-    the border of the domain.  They meet without gaps inside elements and across elements on which the quantity is
-    continuous.  In 2D data the same holds for lines of cuts and isolines.  A boundary with its own elements is exact:
-    its curved faces and fields are those of the volume.  Quantities of the volume behind a boundary, such as
+    if the quantity is a smooth function of polynomials on each element, else by an estimate.  The same holds for their
+    outlines at the border of the domain.  Triangles meet without gaps inside elements and across elements on which the
+    quantity is continuous.  In 2D data the same holds for lines of cuts and isolines.  A boundary with its own elements
+    is exact: its curved faces and fields are those of the volume.  Quantities of the volume behind a boundary, such as
     wall_shear, are projected onto it, and the errors are printed.
     """
     from elvis.core.files.output import check_places
