@@ -25,6 +25,7 @@ from elvis import (
     sample,
     write,
 )
+from elvis.core.patch import patches
 from elvis.core.testing import approximated, curved, grid, mixed_plane, ripple
 from elvis.core.triangles import clipped, level_lines
 from elvis.core.triangles.curved_triangles import curved_triangles
@@ -406,6 +407,27 @@ def test_isolines_of_plane_data_are_within_the_stated_distance(data):
     assert rows[0] == rows[-1]
     angles = 2 * np.arcsin(np.linalg.norm(stop - start, axis=1) / 0.62)
     assert angles.sum() == pytest.approx(2 * np.pi, abs=1e-10)
+
+
+def test_distances_of_lines_are_estimates_if_those_in_some_elements_are():
+    """A derivative, which is a polynomial in elements with an affine map only."""
+
+    def bent(x):
+        return x + 0.12 * (x[..., :1] > 0.5) * np.sin(2 * np.pi * x[..., :1]) ** 2 * np.sin(3 * x[..., 1:2]) * [1, 1, 0]
+
+    bare = Dataset(curved(grid(Shape.QUADRILATERAL, 2), bent, 4))
+    field = approximated(bare, "u", lambda x: x[:, 0] ** 2 + x[:, 1] ** 3, 4)
+    found = level_lines(replace(bare, fields=(field,)), "d(u,y)=0.5", tolerance=1e-2)
+    assert (found.points[:, 0] < 0.5).any()
+    assert not found.is_bound
+
+
+def test_plane_data_with_some_elements_in_space_have_no_lines():
+    mesh = curved(mixed_plane(), lambda x: x + [0, 0, 1] * np.maximum(x[..., :1] - 2, 0) * (3 - x[..., :1]), 3)
+    data = Dataset(replace(mesh, space=3))
+    assert sorted(patch.is_flat for patch in patches(data)) == [False, True]
+    with pytest.raises(ElvisError, match="expected 2D data in the plane, found a surface in space"):
+        level_lines(data, "x=0.5")
 
 
 def test_lines_of_plane_data_are_clipped(tmp_path, elvis, elvis_json):

@@ -595,6 +595,19 @@ def test_roundings_of_discs_are_taken_outwards(monkeypatch):
     assert np.allclose(found._several(values[:, None])[0][1] - exact.radius, 2 * COARSE, atol=1e-12)
 
 
+def test_determinants_of_valid_elements_have_their_sign_taken_off():
+    """By the largest one at points: next to a zero, rounding may change the sign."""
+    jacobians = np.tile(np.eye(2), (4, 1, 1))
+    jacobians[:, 0, 0] = [-1e-9, 3.0, -2.0, -5.0]
+    piece = SimpleNamespace(is_signed=False, patch=SimpleNamespace(shape=Shape.QUADRILATERAL))
+    rules = SimpleNamespace(is_valid=True, piece=piece)
+    found = BoxDiscs(range(2), rules, (), None, SimpleNamespace(jacobians=jacobians), (1, 2))
+    found.__dict__["_determinant"] = (np.array([[1.5], [-3.5]]), np.array([[1.5], [1.5]]))
+    middle, radius = found._volume
+    assert middle.tolist() == [[1.5], [3.5]]
+    assert radius.tolist() == [[1.5], [1.5]]
+
+
 def test_polynomials_that_are_zero_are_not_divided():
     assert divided(np.zeros((1, 4)), (4,)).powers.tolist() == [[0, 0]]
 

@@ -484,6 +484,21 @@ def test_eigenvalues_are_identified_while_their_range_contains_no_other(trace, p
     assert Eigenvalue.of(MatrixRange(middle, radius), nothing).is_known[0] == is_known
 
 
+@pytest.mark.parametrize("off", [0.3, 0.5, 0.7])
+def test_slopes_of_eigenvalues_are_divided_by_the_smallest_trace_of_cofactors(off):
+    """[[0, a, 0], [0, 1, r], [0, r, 1]]: the derivative with respect to the entry below a is a / (1 - r^2)."""
+    a = 1e-3
+    middle, radius, slope = np.zeros((3, 1, 3, 3))
+    middle[0, [1, 2], [1, 2]] = 1.0
+    radius[0, [0, 0, 1, 2], [1, 0, 2, 1]] = a, 0.0, off, off
+    slope[0, 1, 0] = 1.0
+    known = Eigenvalue.of(MatrixRange(middle, radius), [MatrixRange(slope, 0 * slope)] * 3)
+    assert known.is_known.all()
+    exact = a / (1 - off**2)
+    assert known.slope_error[0] == pytest.approx([exact] * 3, rel=1e-2)
+    assert (known.slope_error >= exact * (1 - 1e-12)).all()
+
+
 #: places along a line, more than the largest degree
 PLACES = (1 + np.cos(np.pi * (np.arange(30) + 0.5) / 30)) / 2
 

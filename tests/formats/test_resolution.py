@@ -164,6 +164,8 @@ def test_advice_names_the_direction_of_a_layer():
     facts = resolution_facts(Dataset(bare.mesh, (layer, smooth)), ["u", "v"])
     assert facts["fields"][0]["advice"].startswith("refine h in reference direction 2 (along y) in 9 of 27 elements")
     assert facts["fields"][1]["advice"].startswith("resolved")
+    decay = element_resolution(Dataset(bare.mesh, (layer,)), "u").decay
+    assert facts["fields"][0]["decay"] == {"median": np.nanmedian(decay), "minimum": np.nanmin(decay)}
     assert [row["field"] for row in facts["worst"][:9]] == ["u"] * 9
     assert all(1 / 3 <= row["position"][1] <= 2 / 3 for row in facts["worst"][:9])
 

@@ -1,5 +1,7 @@
 """Vortex cores: axes and rings known beforehand; none missed, none invented next to brute force; joins; limits."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -8,10 +10,12 @@ from elvis.core.cores import vortex_cores
 from elvis.core.cores.core_boxes import Boxes, at_nodes
 from elvis.core.cores.core_curves import core_curves
 from elvis.core.cores.core_finding import CoreLimits
+from elvis.core.cores.core_search import CoreSearch
 from elvis.core.cores.core_turning import turns_less
 from elvis.core.dataset import Block, Dataset, Field
 from elvis.core.errors import ElvisError
 from elvis.core.mapping.orientation import local_vertices
+from elvis.core.patch import patches
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, ripple
 
@@ -299,6 +303,19 @@ def test_limits():
     found = vortex_cores(dataset, "u,v,w", fields=["u", "2*w"], spacing=0.2)
     assert list(found.values) == ["u", "2*w"]
     assert 2 * found.velocity[:, 2] == pytest.approx(found.values["2*w"], abs=1e-12)
+
+
+@pytest.mark.parametrize(("speed", "expected"), [(0.0, 7e-4), (1e7, 2e-2 * 3**0.5)])
+def test_turning_counts_relative_to_the_steepest_place_or_the_noise_of_the_fastest(speed, expected):
+    """In a cube of size 1, whose reference coordinates change by 2 along each axis."""
+    (patch,) = patches(Dataset(grid(Shape.HEXAHEDRON, 1)))
+    steep, speeds = np.array([1.0, 7.0, 2.0, 3.0, 1.0, 1.0, 1.0, 5.0]), speed * np.array([1, 1, 0, 1, 0.1, 1, 0, 0])
+    gradient, velocity = np.zeros((8, 3, 3)), np.zeros((8, 3))
+    gradient[:, 0, 1], velocity[:, 2] = steep, speeds
+    motions = SimpleNamespace(gradient=gradient, velocity=velocity, below=np.ones(8))
+    parallel = SimpleNamespace(degrees=lambda *_: (1, 1), at=lambda _: motions)
+    limits = CoreSearch(parallel, patch, 0.0, False)._limits(np.arange(1))
+    assert limits == pytest.approx([expected], rel=1e-12)
 
 
 @pytest.mark.parametrize("criterion", CRITERIA)

@@ -37,9 +37,13 @@ class Solids:
         self.side /= np.linalg.norm(self.side, axis=1, keepdims=True)
         self.swings = some(0, 0.5) * rng.choice([0, 1], COUNT)
         self.at[::4] *= 0.02
+        self.speed[::6, :2] *= 0.1
         self.base, self.axis = some(-1, 1, 3), some(-1, 1, 3)
         self.axis /= np.linalg.norm(self.axis, axis=1, keepdims=True)
         self.length, self.wide, self.slope = some(0.2, 2), some(0.1, 1), some(-0.9, 0) * rng.choice([0, 1], COUNT)
+        # some tubes are about as wide as parts may get away from the ray
+        limit = sum(self.widths_within()) + np.resize([-0.5, 0.2, 0.5], COUNT) * (self.slack + 0.002)
+        self.radius = np.where((np.arange(COUNT) % 6 == 0) & (limit > 0.4), limit, self.radius)
         self.origin, self.along = some(-2, 2, 3), some(-1, 1, 3)
         self.along[::2] = (self.base - self.origin + some(-1, 1, 3))[::2]
         self.along[1::9] = self.axis[1::9]
@@ -56,6 +60,13 @@ class Solids:
         self.is_missed = rng.integers(2, size=COUNT) > 0
         distance *= np.where(self.is_missed, 1.002, 0.998)
         self.apart = np.column_stack([distance[:, None] * away, height])
+
+    def widths_within(self):
+        """How far parts get away from the ray, by how much tubes may get narrower, and errors."""
+        change, across = self.turn * self.half, np.linalg.norm(self.speed[:, :2], axis=1)
+        farthest = np.linalg.norm(self.at[:, :2], axis=1) + (across + change / 2) * self.half
+        narrower = np.linalg.norm(self.growth, axis=1) * (np.linalg.norm(self.speed, axis=1) + change) * self.half
+        return farthest, narrower, self.slack
 
     def points(self):
         """Coefficients (n, 8, 3) whose first coordinate is the strips' g."""
@@ -129,6 +140,12 @@ def test_parts_of_tubes_are_missed_or_met_once(solids, found):
     moving = np.linalg.norm(solids.speed[:, :2], axis=1) > 0.1
     assert single[plain & ~aside & moving].all()
     assert 20 < single.sum() < COUNT - aside.sum()
+
+    # where the direction across the ray may turn, one meeting is only known of parts within the narrowest tube
+    may_turn = ~aside & (np.linalg.norm(solids.speed[:, :2], axis=1) < 2.99 * solids.turn * solids.half)
+    held = sum(solids.widths_within()) < solids.radius
+    assert np.array_equal(single[may_turn], held[may_turn])
+    assert min((may_turn & held).sum(), (may_turn & ~held).sum()) > 20
 
     # |P'|^2 - (x - P) P'' stays positive at the tube's points unless it may bend too much
     size = np.abs(radius) * (1 + np.linalg.norm(growth, axis=-1)) + solids.slack[:, None]

@@ -12,7 +12,11 @@ FOUND = {
     **dict.fromkeys(["error", "found", "depth", "value"], 1),
     **dict.fromkeys(["middle", "last", "rate"], 3),
     "end": 1,
+    "hits": 1,
+    "thinned": 16,
 }
+#: relative distance up to which two hits are one touched edge
+APART = 1e-3
 
 
 class Rays:
@@ -37,6 +41,27 @@ class Rays:
         end = np.stack([self.jets(k, self.leave)[:, 0] for k in range(3)], axis=1)
         self.world = (end - self.position) / (self.span[:, 1] - self.span[:, 0])[:, None]
         self.origin = self.position - self.span[:, :1] * self.world
+        self._add_hits(rng)
+
+    def _add_hits(self, rng):
+        """Entries (1) and exits (-1) by turns, and pairs at nearly one depth that are or aren't touched edges.
+
+        Every third direction is undecided (0), of hits outside such pairs.
+        """
+        self.hits, self.kept = np.zeros((COUNT, 8, 2)), []
+        for row in self.hits:
+            plain = np.sort(rng.uniform(1, 10, 4) + 20 * np.arange(4))
+            after, is_touched = rng.integers(4), rng.integers(2) > 0
+            depth = plain[after] + 5.0
+            pair = np.array([depth, depth * (1 + (0.9 if is_touched else 1.1) * APART)])
+            kinds = np.array([1.0, -1.0, 1.0, -1.0])
+            turned = np.array([-1.0, 1.0]) * kinds[after]
+            held = np.column_stack([plain, kinds])
+            every = np.insert(held, after + 1, np.column_stack([pair, turned]), axis=0)
+            self.kept.append(held if is_touched else every)
+            unsure = (np.arange(6) % 3 == 1) & ~np.isin(every[:, 0], pair)
+            row[:6] = np.column_stack([every[:, 0], np.where(unsure, 0.0, every[:, 1])])
+            rng.shuffle(row[:6])
 
     def jets(self, function, r):
         """Values and derivatives (n, 4) of a function at points (n, 3)."""
@@ -69,6 +94,7 @@ class Rays:
             *[self.curve(self.first), self.curve(self.last), self.curve(self.first, 1), self.to],
             *[self.before, self.curve(self.before), self.curve(self.before, 1)],
             *[self.origin, self.world, self.span, self.enter, self.leave],
+            *[np.full(COUNT, 6), self.hits, np.full(COUNT, APART)],
         ]
         return rows_of(COUNT, columns)
 
@@ -113,3 +139,10 @@ def test_fields_along_parts_are_fitted_at_points_of_the_ray(rays, found):
     assert np.array_equal(found["last"], rays.leave)
     assert found["rate"] == pytest.approx(rays.at(depths[:, -2])[1], rel=1e-3)
     assert np.array_equal(found["end"], rays.span[:, 1])
+
+
+def test_hits_at_one_depth_of_opposite_directions_are_removed(rays, found):
+    for kept, count, thinned in zip(rays.kept, found["hits"], found["thinned"], strict=True):
+        expected = np.column_stack([kept[:, 0], kept[:, 1] > 0])
+        assert count == len(expected)
+        assert np.array_equal(thinned.reshape(-1, 2)[: len(expected)], expected)
