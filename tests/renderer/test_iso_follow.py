@@ -38,7 +38,7 @@ FOUND = [
     REMAINDER,
     {"deviation": 3, "around": 3, "extent": 1, "worth": 3, "shift": 3},
     FOLLOWED,
-    {"within": 1, "beyond": 1, "outcome": 1, "spread": 2, "first": 2, "last": 2},
+    {"within": 1, "beyond": 1, "outcome": 1, "spread": 2, "first": 2, "last": 2, "aside": 2},
 ]
 #: first and last column and row of the picture, and of those of its pixels that are drawn
 PICTURE, DRAWN = np.array([[2, 1], [60, 50]]), np.array([[5, 3], [44, 32]])
@@ -169,6 +169,10 @@ def test_pixels_that_sub_elements_may_meet(follow):
     assert 8 < seen.sum() < ahead.sum()
     assert np.array_equal(found["first"][seen], first[seen])
     assert np.array_equal(found["last"][seen], last[seen])
+    farthest = np.maximum(np.abs(first - looks.middle), np.abs(last - looks.middle))
+    assert found["aside"][seen] == pytest.approx(farthest[seen], rel=1e-12)
+    # the end that is farther away is the first one, and the last one, in some
+    assert len(set(np.argmax(np.abs([first - looks.middle, last - looks.middle])[:, seen, 0], axis=0))) == 2
     size = (np.abs(looks.miss) + looks.total[:, :2]) / weights[:, :1] + 1e-6
     assert found["spread"][ahead] == pytest.approx(size[ahead], rel=1e-12, abs=0)
 
