@@ -1,5 +1,7 @@
 """Components that mirrors change, boxes of copies that meet, and periods: what copies of a domain rest on."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -68,16 +70,19 @@ def test_copies_that_are_placed_alike_are_compared_once():
         assert several[first].points(own.points(points)) == pytest.approx(several[second].points(points))
 
 
-def test_copies_overlap_and_mirrors_cut_beyond_the_slack_only():
-    dataset = Dataset(grid(Shape.HEXAHEDRON, 1))
+@pytest.mark.parametrize("away", [0.0, 1e4])
+def test_copies_overlap_and_mirrors_cut_beyond_the_slack_only(away):
+    """Also far from the origin: the slack is relative to the size of the domain."""
+    mesh = grid(Shape.HEXAHEDRON, 1)
+    dataset = Dataset(replace(mesh, vertices=mesh.vertices + away))
     slack = SLACK * np.sqrt(3)
     x = np.array([1.0, 0.0, 0.0])
     check_overlaps(dataset, [Isometry(), Isometry.translation((1 - 0.5 * slack) * x)])
     with pytest.raises(ElvisError, match="copy 1 overlaps copy 0"):
         check_overlaps(dataset, [Isometry(), Isometry.translation(0.4 * x)])
-    for end, way in ((0.0, 1), (1.0, -1)):
+    for end, way in ((away, 1), (away + 1.0, -1)):
         check_mirror(dataset, [Isometry()], (end + 0.5 * way * slack) * x, x)
         with pytest.raises(ElvisError, match="cuts the domain"):
             check_mirror(dataset, [Isometry()], (end + 2 * way * slack) * x, -x)
     with pytest.raises(ElvisError, match="cuts the domain"):
-        check_mirror(dataset, [Isometry(), Isometry.translation(2 * x)], 1.5 * x, x)
+        check_mirror(dataset, [Isometry(), Isometry.translation(2 * x)], (away + 1.5) * x, x)

@@ -1,6 +1,7 @@
 """Deformed geometry equals a file whose nodes were moved, and closed forms: points, gradients, integrals, messages."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import vtk_writer
 from elvis import Dataset, ElvisError, Shape, deform, integrate, read, render, sample
 from elvis.converters.vtk_cells import LAGRANGE, Cell, Kind
 from elvis.core.dataset import Block, Expansion, Field
-from elvis.core.deforming import undeformed
+from elvis.core.deforming import _free, undeformed
 from elvis.core.geometry import geometry
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.evaluation import evaluate
@@ -227,3 +228,9 @@ def test_heights_of_solids_and_two_deformations_are_rejected():
         deform(polynomial_flow(Shape.TETRAHEDRON, 2), height="u")
     with pytest.raises(ElvisError, match="expected one of --deform and --height, found both"):
         deform(polynomial_flow(Shape.TRIANGLE, 2), "u,v", height="u")
+
+
+def test_names_of_fields_are_taken_but_those_of_maps_are_not():
+    data = SimpleNamespace(fields=[SimpleNamespace(name=name) for name in ("u", "x_map")], map_names=("x_map",))
+    assert _free(data, ["x_map", "v"]) == ("x_map", "v")
+    assert _free(data, ["x_map", "u"]) == ("x_map_", "u_")

@@ -18,6 +18,7 @@ FOUND = {
     "normal": 3,
     "signed": 1,
     "direction": 3,
+    "finished": 1,
 }
 #: numbers of patches: bounds of derivatives and of how far it is from linear; coefficients of 1, s, s^2, then of t
 BOUNDS, COEFFICIENTS = 10, 9
@@ -55,11 +56,14 @@ class Searches:
         self.patches[:, 2], self.patches[:, 4] = 2 * curved.T
         self.patches[:, 9] = curved.sum(axis=1)
         self.middle, self.s, self.t, self.curved = own[:, 0, 0], own[:, 0, 1], own[:, 1, 0], curved
+        self.own_clear, self.own_steady = some(0, 0.5) * rng.choice([0, 1], COUNT), some(0, 3)
+        self.own_spread = self.spread * rng.integers(2, size=COUNT)
 
     def rows(self):
         alone = [self.equal, self.level, self.ahead, self.step, self.distance, self.side, self.signs]
         columns = [self.point, self.direction, *alone, self.gap, self.bend, self.spread, self.nearest]
-        return rows_of(COUNT, columns)
+        part = [self.own_clear, self.own_spread, self.own_steady]
+        return rows_of(COUNT, [*columns, *part])
 
     def buffers(self):
         first = np.arange(COUNT) * self.patches.shape[1]
@@ -110,9 +114,9 @@ def test_half_spaces_are_reached_after_the_stated_length(searches, found):
     )
 
 
-def test_parts_with_convex_distances_are_reached_after_the_stated_length(searches, found):
+def convex_clearances(searches, gap):
     """The first t with min over w of D - t u . (X + w) + t^2 u^2 / 2 + w^2 / (2 spread) = level^2 / 2."""
-    own, rate = np.linalg.norm(searches.gap, axis=1), (searches.gap * searches.direction).sum(axis=1)
+    own, rate = np.linalg.norm(gap, axis=1), (gap * searches.direction).sum(axis=1)
     square = (searches.direction**2).sum(axis=1) * (1 - searches.spread)
     expected = np.full(COUNT, 1e300)
     for k in range(COUNT):
@@ -121,7 +125,21 @@ def test_parts_with_convex_distances_are_reached_after_the_stated_length(searche
         expected[k] = min(ahead, default=1e300)
     near = own <= searches.level + 0.1 * searches.equal
     assert near.any()
-    assert found["curved"] == pytest.approx(np.where(near, 0, expected), rel=1e-9, abs=0)
+    return np.where(near, 0, expected)
+
+
+def test_parts_with_convex_distances_are_reached_after_the_stated_length(searches, found):
+    """Other parts after the length in which distances are monotone, or at once if their end comes before."""
+    assert found["curved"] == pytest.approx(convex_clearances(searches, searches.gap), rel=1e-9, abs=0)
+
+    gap = searches.middle - searches.point
+    own, rate = np.linalg.norm(gap, axis=1), (gap * searches.direction).sum(axis=1)
+    straight = np.minimum(searches.own_steady, clearances(own, rate, searches, 0.0))
+    length = np.where(searches.own_spread > 0, convex_clearances(searches, gap), straight)
+    expected = np.minimum(searches.step, np.maximum(searches.own_clear, length))
+    assert found["finished"] == pytest.approx(expected, rel=1e-9, abs=0)
+    assert (expected == searches.own_steady).any()
+    assert (expected == searches.own_clear).any()
 
 
 def test_boxes_are_as_far_as_their_nearest_points(searches, found):
