@@ -154,6 +154,22 @@ def test_tecplot_binary_ends_with_values_and_cells(elvis, tmp_path):
     elvis("export", *paths, "-o", tmp_path / "a.plt")
     binary = (tmp_path / "a.plt").read_bytes()
     assert binary[:16] == b"#!TDV112" + struct.pack("<ii", 1, 0)
+    header = np.frombuffer(binary[16:416], "<i4")
+    words, at = [], 2
+    assert header[:2].tolist() == [0, 4]
+    for _ in range(5):
+        if len(words) == 4:
+            assert header[at : at + 1].view("<f4") == 299.0
+            at += 1
+        size = header[at:].tolist().index(0)
+        words.append("".join(map(chr, header[at : at + size])))
+        at += size + 1
+    assert words[:4] == ["x", "y", "u", "jump"]
+    assert words[4]
+    # no parent, a time, no colour of its own; quadrilaterals; points and cells; then the header ends
+    assert header[at : at + 2].tolist() == [-1, 0]
+    assert header[at + 4 : at + 12].tolist() == [-1, 3, 0, 0, 0, 8 * 16, 8 * 9, 0]
+    assert header[at + 15 : at + 17].view("<f4").tolist() == [357.0, 299.0]
     points, cells = 8 * 16, 8 * 9
     end = len(binary) - 16 * cells
     corners = np.frombuffer(binary[end:], np.int32).reshape(cells, 4)

@@ -3,6 +3,7 @@
 import json
 import os
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.files import replacement
 from elvis.reference.picture import render
 from elvis.reference.record import Record
-from elvis.reference.report import writing
+from elvis.reference.report import plots, writing
 from elvis.reference.report.writing import check_folder, write_report
 from elvis.reference.study import compare_records
 
@@ -154,3 +155,11 @@ def test_an_empty_folder_and_a_link_to_one(study, drawn, tmp_path):
     assert (tmp_path / "link").is_symlink()
     assert (tmp_path / "real" / "index.html").is_file()
     assert (tmp_path / "real").stat().st_mode & 0o777 == 0o750
+
+
+def test_errors_in_plots_have_the_units_of_their_labels():
+    rival = SimpleNamespace(errors=SimpleNamespace(value_max=0.02, value_mean=0.005, off=3.0, contour_max=0.4))
+    labels, numbers, *_ = zip(*plots._CURVES, strict=True)
+    assert [number(rival) for number in numbers] == [2.0, 0.5, 3.0, 0.4]
+    assert ["%" in label for label in labels] == [True, True, True, False]
+    assert [number(SimpleNamespace(errors=None)) for number in numbers] == [None] * 4

@@ -299,7 +299,12 @@ def test_constant_quantities_have_a_note_instead_of_a_colour_bar(draw, linear):
 def test_rulers_show_coordinates(draw, plane):
     frame = draw(plane, size=(60, 50), axes=True)
     assert aligned(frame.view.camera) == (0, 1)
+    page = Page([frame], plain=False)
+    drawn = [line.get_xydata().tolist() for line in page.panels[0].axes.lines]
     for axis, ruler in enumerate(sides(frame.view, (5, 5))):
+        # ticks of a third of the height of texts
+        ends = ruler.places + 0.35 * page.unit * ruler.away
+        assert all(list(map(list, tick)) in drawn for tick in zip(ruler.places, ends, strict=True))
         places = ground(frame, ruler.places)[:, axis]
         assert np.allclose(places, [float(text) for text in ruler.texts])
     length, text = scale_bar(frame.view, 20)

@@ -14,7 +14,9 @@ FOUND = {
     "offset": 2,
     "stretch": 1,
     "interval": 2,
-    **dict.fromkeys(["aside", "rounding", "root", "misses"], 1),
+    **dict.fromkeys(["aside", "rounding"], 1),
+    "outward": 3,
+    **dict.fromkeys(["root", "misses"], 1),
 }
 
 
@@ -68,6 +70,17 @@ class Solids:
         narrower = np.linalg.norm(self.growth, axis=1) * (np.linalg.norm(self.speed, axis=1) + change) * self.half
         return farthest, narrower, self.slack
 
+    def surface_places(self):
+        """Points of the first disc, the second one and the side of solids by turns, and the normals there."""
+        rng, kind = np.random.default_rng(16), np.arange(COUNT) % 3
+        away = np.cross(self.axis, rng.normal(size=(COUNT, 3)))
+        away /= np.linalg.norm(away, axis=1, keepdims=True)
+        height = np.choose(kind, [0.0, 1.0, rng.uniform(0.3, 0.7, COUNT)]) * self.length
+        room = np.maximum(self.wide + self.slope * height, 0.0)
+        place = self.base + height[:, None] * self.axis + (np.where(kind < 2, 0.3, 1.0) * room)[:, None] * away
+        side = (away - self.slope[:, None] * self.axis) / np.hypot(1.0, self.slope)[:, None]
+        return place, np.choose(kind[:, None], [-self.axis, self.axis, side]), room > 0.05
+
     def points(self):
         """Coefficients (n, 8, 3) whose first coordinate is the strips' g."""
         found = np.zeros((COUNT, 8, 3))
@@ -80,7 +93,7 @@ class Solids:
         columns = [
             *[self.half, self.turn, self.slack, self.width, self.way, self.growth, self.at, self.speed, self.curved],
             *[self.radius, self.side, self.swing, self.origin, self.along, self.room],
-            *[self.rises, self.apart],
+            *[self.surface_places()[0], self.rises, self.apart],
         ]
         return rows_of(COUNT, columns)
 
@@ -245,3 +258,9 @@ def test_rays_are_within_solids_between_the_ends_of_their_interval(solids, found
     assert not inside[plain].any()
     size = solids.length + 2 * solids.wide
     assert found["rounding"] == pytest.approx(2e-14 * size**2 * (1 + solids.slope**2), rel=1e-12, abs=0)
+
+
+def test_normals_of_solids_point_out_of_the_nearest_side(solids, found):
+    _, normals, is_wide = solids.surface_places()
+    assert found["outward"][is_wide] == pytest.approx(normals[is_wide], abs=1e-9)
+    assert is_wide.sum() > COUNT / 2
