@@ -305,6 +305,12 @@ def test_truncated_files_are_rejected(solvers, tmp_path, end, share):
         Gmf(files)
 
 
+def test_files_that_end_within_a_number_are_rejected(tmp_path):
+    (tmp_path / "a.meshb").write_bytes(struct.pack("<iii", 1, 2, 3) + b"\0\0")
+    with pytest.raises(FormatError, match="header: expected more bytes, found the end"):
+        Gmf([tmp_path / "a.meshb"])
+
+
 def test_files_that_do_not_belong_together(solvers, tmp_path):
     solution = Path(solvers / "gmf" / "ball_tetP3_sol4.solb")
     alone = tmp_path / "alone.solb"

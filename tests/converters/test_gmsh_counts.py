@@ -1,10 +1,14 @@
 """Elements of Gmsh files: each arrives, and counts once, whatever groups, partitions and orders there are."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from elvis import FormatError, integrate, read
 from elvis.converters.gmsh import Gmsh
+from elvis.converters.gmsh_joining import joined
+from elvis.converters.gmsh_mesh import Group, Mesh
 from elvis.core.shapes import Shape
 
 gmsh = pytest.importorskip("gmsh")
@@ -190,3 +194,16 @@ def test_values_only_at_corners_are_linear(tmp_path, kind):
     assert source.sample(block, field, local[:corners, :2])[0] == pytest.approx(range(1, corners + 1), abs=1e-12)
     middle = local[:corners, :2].mean(axis=0)[None]
     assert source.sample(block, field, middle)[0, 0] == pytest.approx((corners + 1) / 2, abs=1e-12)
+
+
+def test_parts_have_the_partitions_of_the_whole():
+    """Some files state fewer: those without elements of the last ones."""
+    parts = []
+    for number, count in ((2, 3), (1, 2)):
+        tags, point = (
+            np.array([number]),
+            Group(SimpleNamespace(name="point"), [], np.array([number]), np.zeros((1, 1), int)),
+        )
+        parts.append(Mesh(tags, np.zeros((1, 3)), [point], partitions=[number], partition_count=count))
+    whole = joined(parts, [], has_element_data=False)
+    assert (whole.partitions, whole.partition_count) == ([1, 2], 3)

@@ -5,8 +5,11 @@ import pytest
 from click import UsageError
 
 from elvis import ElvisError, open_series, read, render, sample
+from elvis.core.dataset import Dataset
 from elvis.core.moments import Moment
-from elvis.plugins.series.between import weights, window
+from elvis.core.shapes import Shape
+from elvis.core.testing import approximated, grid
+from elvis.plugins.series.between import sum_of, weights, window
 from elvis.plugins.testing.steps import polynomial, steps_of, waves
 
 POINTS = np.array([[0.31, 0.22, 0.0], [0.55, 0.71, 0.0], [0.83, 0.4, 0.0]])
@@ -191,3 +194,11 @@ def test_an_interpolated_time_is_converted(between, degree, tmp_path, elvis):
     with pytest.raises(ElvisError, match=r"expected a time from 0 to 1\.9, found 7"):
         elvis("convert", *files, "--time", "7", "-o", tmp_path / "none.xml")
     assert not (tmp_path / "none.xml").exists()
+
+
+def test_fields_are_summed_if_all_steps_are_alike():
+    bare = Dataset(grid(Shape.QUADRILATERAL, 1))
+    fields = [approximated(bare, "u", lambda p: p[:, 0], modes) for modes in (3, 3, 4)]
+    total = sum_of(fields[:2], np.array([2.0, 3.0]))
+    assert np.allclose(total.blocks[0].coefficients, 5 * fields[0].blocks[0].coefficients, rtol=1e-15)
+    assert sum_of([fields[0], fields[2], fields[1]], np.ones(3)) is None

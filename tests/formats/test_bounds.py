@@ -545,3 +545,12 @@ def test_sums_of_squares_are_fitted():
         net = 0.1 + sum(squares._square(root) for root in roots)
         assert net.min() < 0
         assert 0.09 < squares._without_squares(net) <= 0.1
+
+
+def test_middle_eigenvalues_are_rounded_by_the_size_of_their_matrix(monkeypatch):
+    """Entries that are known exactly leave rounding alone."""
+    monkeypatch.setattr(intervals, "_ROUNDING", 2.0**-10)
+    entries = np.array([1.0, -2.0, 3.0, 0.5, -0.25, 4.0])
+    low, high = intervals.middle_eigenvalue(lambda *entries: entries[0])(*((each, each) for each in entries))
+    rounding = 2.0**-10 * np.abs(entries).sum()
+    assert (low, high) == (1.0 - rounding, 1.0 + rounding)

@@ -296,3 +296,17 @@ def test_models_are_good_within_their_part_of_the_range(remainder: float, share:
     limit = level_search._MODEL_PART * boxes.range[0]
     lacking[:, 0] = remainder * limit / level_search._lacking(np.ones((ORDERS, 1)))
     assert boxes.is_within(share).tolist() == [is_within, True]
+
+
+def test_derivatives_of_conditions_halve_with_their_boxes() -> None:
+    """The sum of their magnitudes is attained by a linear function."""
+    coefficients = np.zeros((1, 3, 3, 3))
+    coefficients[0, 1, 0, 0], coefficients[0, 0, 1, 0], coefficients[0, 0, 0, 1] = 3.0, -2.0, 1.0
+    nothing = np.zeros(1)
+    condition = level_search._Condition(coefficients, nothing, np.array([6.0]), nothing, nothing)
+    for axis in range(3):
+        condition = condition.on_side(axis, 1)
+    condition = condition.halved()
+    linear = condition.coefficients.copy()
+    linear[0, 0, 0, 0] = 0.0
+    assert condition.steepness == np.abs(linear).sum() == 3.0

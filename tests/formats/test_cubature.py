@@ -9,7 +9,7 @@ from elvis.core.dataset import Expansion, ExpansionRule
 from elvis.core.errors import FormatError
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values
-from elvis.core.polynomials.cubature import cubature, field_cubature, rule_cubature
+from elvis.core.polynomials.cubature import _LINE, cubature, field_cubature, rule_cubature
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.shapes import Shape
 
@@ -118,6 +118,10 @@ def test_fourier_directions_are_evenly_spaced():
     assert len(np.unique(rule.points[:, 0])) == 6
     assert rule.points[:, 0].max() < 1
     assert rule.weights.sum() == pytest.approx(4, rel=1e-14)
+    # a period of waves sums to nothing, but for the constant
+    points, weights = _LINE["FourierEvenlySpaced"][1](6)
+    waves = np.exp(1j * np.pi * np.arange(6)[:, None] * points)
+    assert waves @ weights == pytest.approx(np.array([2, 0, 0, 0, 0, 0]), abs=1e-14)
 
 
 @pytest.mark.parametrize("counts", [(4_001,) * 3, (10**6, 2, 2), (200, 200, 200)])

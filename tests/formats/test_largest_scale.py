@@ -3,6 +3,7 @@
 from dataclasses import replace
 from math import inf
 from time import process_time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from elvis.core.deforming import moving_maps
 from elvis.core.geometry import geometry
 from elvis.core.polynomials.evaluation import evaluate, evaluate_with_gradients
 from elvis.core.testing import approximated, curved, grid, ripple, scattered
+from elvis.core.validity.largest_scale import _Piece
 
 SOLIDS = [Shape.TETRAHEDRON, Shape.PYRAMID, Shape.PRISM, Shape.HEXAHEDRON]
 FLAT = [Shape.TRIANGLE, Shape.QUADRILATERAL]
@@ -117,3 +119,11 @@ def test_surfaces_in_space_are_rejected():
     mesh = replace(grid(Shape.QUADRILATERAL, 1), space=3)
     with pytest.raises(ElvisError, match="expected elements of the dimension of space"):
         largest_scale(*displaced(mesh, CLOSED_FORMS["swelling"][0], 1))
+
+
+def test_all_roundings_of_values_are_counted(monkeypatch):
+    """Entries of the change to Bernstein form in S have twelve, the sum over c_0 to c_3 four more."""
+    monkeypatch.setitem(_Piece.error_at.__globals__, "_UNIT", 2.0**-10)
+    sizes, errors = np.array([[1.0, 2.0, 4.0, 8.0]]), np.array([[0.5, 0.0, 1.0, 0.0]])
+    own = SimpleNamespace(nets=np.zeros((1, 2, 2, 2, 4)), errors=errors, sizes=sizes)
+    assert _Piece.error_at(own, 0.5) == [0.5 + 0.25 + 16 * 2.0**-10 * 4.0]

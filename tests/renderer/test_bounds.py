@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from elvis import Camera
+from elvis.core.polynomials.collapse import collapse
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid, with_field
 from elvis.plugins.native import NativeVolume
 from elvis.renderer.passes.lines.contour_cuts import CutChart
-from elvis.renderer.passes.lines.contour_patches import FACETS, PatchChart
+from elvis.renderer.passes.lines.contour_patches import _BEYOND_SLOPES, FACETS, PatchChart
 from elvis.renderer.passes.lines.contour_squares import Derivatives, Items, Squares, facet_distances
 from elvis.renderer.passes.volume.steepness import steepest, tolerance
 from elvis.renderer.relevance import Relevance
@@ -181,3 +182,19 @@ def test_elements_that_are_the_value_of_an_isosurface_to_rounding_are_counted():
     counted = Relevance._counted(relevance, np.zeros(4))
     assert Traversal(loaded).flat(0, None, 1.0)[1:].tolist() == [True, True, False]
     assert counted[1:].tolist() == [True, True, False]
+
+
+def test_boxes_around_patches_of_pyramids_contain_their_neighbourhoods():
+    """In collapsed coordinates: corners of what is larger than a patch attain the ends."""
+    rng, count = np.random.default_rng(3), 40
+    shape = Shape.TRIANGLE
+    start, first, second = rng.uniform(-0.6, -0.1, (count, 3)), *rng.uniform(-0.2, 0.2, (2, count, 3))
+    center = shape.vertices.mean(axis=0)
+    records = {"start": start, "first": first, "second": second}
+    middle, half = PatchChart._boxes(SimpleNamespace(_shape=shape, center=center, records=records))
+    weights = np.concatenate([np.eye(3), rng.dirichlet(np.ones(3), 60)])
+    places = center + _BEYOND_SLOPES[0] * (weights @ shape.vertices - center)
+    world = start[:, None] + places[:, :1] * first[:, None] + places[:, 1:] * second[:, None]
+    eta = collapse(Shape.PYRAMID, world.reshape(-1, 3)).reshape(world.shape)
+    away = np.abs(eta - middle[:, None]) / half[:, None]
+    assert away.max(axis=1) == pytest.approx(np.ones((count, 3)), abs=1e-9)

@@ -5,6 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 from kernel_functions import parted, width_of
+from numpy.polynomial import chebyshev
 
 from elvis.core.polynomials.chebyshev_nodes import series
 from elvis.renderer.passes.isosurface.enclosing import AXES, BOXES, powers, tails
@@ -262,3 +263,20 @@ def test_misfits_are_those_of_the_best_ellipse_on_the_next_larger_box(boxes, enc
     first = own[np.arange(COUNT), np.argmin(own[..., 2], axis=1), 1]
     assert np.array_equal(enclosed["hopeless"] > 0, ~(first <= 2e-3 * enclosed["radius"]))
     assert enclosed["smooth"].all()
+
+
+@pytest.mark.parametrize("degree", [2, 5])
+def test_tails_are_twice_the_terms_beyond_the_degree(degree):
+    """Of all products of three lines' terms those with one of them, by their bounds on a box, nearly attained."""
+    for e, b in ((2, 0), (4, 3), (6, 8)):
+        ratio = AXES[e] + np.sqrt(AXES[e] ** 2 - 1)
+        terms = np.zeros((3, 120))
+        for k in range(120):
+            line = np.eye(120)[k] * (1 if k == 0 else 2) * ratio**-k
+            terms[:, k] = [chebyshev.chebval(BOXES[b], chebyshev.chebder(line, m)) for m in range(3)]
+        both = terms.sum(axis=1), terms[:, : degree + 1].sum(axis=1)
+        sums = [[*own[0] ** 2 * own, own[0] * own[1] ** 2] for own in both]
+        beyond = 2 * np.subtract(*sums)
+        share = tails(degree)[e, b] / beyond
+        assert (share >= 1).all()
+        assert share.max() < 1.5
