@@ -25,6 +25,7 @@ from elvis.core.polynomials.interpolation import modified
 from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.element_sides import SIDES
 from elvis.core.ranks import ALONE, Ranks, is_idle
+from elvis.core.rounded_up import rounded_up
 from elvis.core.sampling import by_points
 from elvis.core.streamlines import TracedLines, trace
 from elvis.core.terminal import Progress
@@ -155,7 +156,7 @@ class Evaluation:
                 break
             before = now
         if off > _CONVERGED:
-            self.report(f"plugin {self.opened.name}: norms are known to {off:.2g} of their size only")
+            self.report(f"plugin {self.opened.name}: norms are known to {rounded_up(off)} of their size only")
         ends = np.maximum(np.abs(least), np.abs(greatest))
         rows = zip(names, now, ends, greatest, strict=True)
         return {name: Norm(float(l2), float(linf), float(most)) for name, l2, linf, most in rows}

@@ -22,6 +22,7 @@ from elvis.core.polynomials.cubature import Cubature, field_cubature
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.quantities.functions import function
 from elvis.core.quantities.tree import Node, fold
+from elvis.core.rounded_up import rounded_up
 from elvis.core.terminal import Progress
 from elvis.plugins.faces import Faces, faces_of
 from elvis.plugins.volume import Part, Volume
@@ -77,7 +78,8 @@ class PluginIntegration:
             found = self._converged(wanted, choose, error)
             for each, (value, off, magnitude, measure) in zip(wanted, found.T, strict=True):
                 if off > 2 * error * magnitude:
-                    remarks.append(f"{each.text} over {name} is known to {off / magnitude:.2g} of its size only")
+                    share = rounded_up(off / magnitude)
+                    remarks.append(f"{each.text} over {name} is known to {share} of its size only")
                 if each.is_average:
                     value, off = value / measure, off / measure
                 rows.append(Integral(name, each.text, float(value), float(off), float(measure), False))

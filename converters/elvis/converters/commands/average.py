@@ -48,7 +48,8 @@ _ROUNDING = 1e-11
 def _off(error: FitError) -> str:
     """The error of a fit, in words."""
     if error.bound < float("inf"):
-        return f"its error is at most {error.bound:.3g} of its largest value ({error.estimate:.3g} at points)"
+        bound = rounded_up(error.bound, 3)
+        return f"its error is at most {bound} of its largest value ({error.estimate:.3g} at points)"
     return f"its error is about {error.estimate:.3g} of its largest value, an estimate from points"
 
 

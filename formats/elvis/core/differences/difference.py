@@ -37,6 +37,7 @@ from elvis.core.patch import Patch, patches
 from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.tree import Node, call, field, number, world_derivative
+from elvis.core.rounded_up import rounded_up
 
 #: requested relative error of squares of norms, number of points of a first estimate, and maximum number of points at
 #: which rules are compared
@@ -150,7 +151,7 @@ class Differences(Sequence[Difference]):
             (
                 row.field,
                 *(f"{value:.6g}" for value in (row.l1, row.l2, row.h1, row.linf)),
-                f"{row.bound:.6g}" if np.isfinite(row.bound) else "-",
+                rounded_up(row.bound, 6) if np.isfinite(row.bound) else "-",
                 " ".join(f"{x:.5g}" for x in row.where),
                 "-" if np.isnan(row.relative) else f"{row.relative:.3g}",
                 f"{row.covered:.6g}",
@@ -232,7 +233,7 @@ def _remarks(rows: Sequence[Difference]) -> Iterator[str]:
         if np.isnan(row.bound):
             yield f"{row.field}: Linf is the maximum difference at points, without a proved bound"
         elif row.bound > _WIDE * row.linf and row.relative > _ROUNDED:
-            known = f"between {row.linf:.6g} and {row.bound:.6g}"
+            known = f"between {row.linf:.6g} and {rounded_up(row.bound, 6)}"
             yield f"{row.field}: the maximum difference is {known}; no tighter bound is proved"
 
 

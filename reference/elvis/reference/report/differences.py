@@ -11,6 +11,7 @@ import numpy as np
 from elvis.core.differences import Family
 from elvis.core.differences.convergence import HEADERS as ORDERS
 from elvis.core.differences.difference import HEADERS
+from elvis.core.rounded_up import rounded_up
 from elvis.reference.report.difference_maps import Maps
 from elvis.reference.report.page import filled
 from elvis.reference.report.plots import plot
@@ -112,7 +113,7 @@ def _tables(found: Family) -> list[dict[str, Any]]:
     tables = [] if len(found.members) == 1 else [_table("Order of convergence", ORDERS, found.cells())]
     for name, own in zip(found.names, found.members, strict=True):
         tables.append(_table(f"Norms of the difference: {name}", HEADERS, own.cells()))
-        rows = [(row.field, *(f"{error:.2g}" for error in (row.l1_error, row.l2_error, row.h1_error))) for row in own]
+        rows = [(row.field, *map(rounded_up, (row.l1_error, row.l2_error, row.h1_error))) for row in own]
         tables.append(_table("Error bound of these norms", ("field", "L1", "L2", "H1"), rows))
     return tables
 
