@@ -30,6 +30,7 @@ FOUND = {
     "turned": 9 * DISC,
     "parts": 4 * len(LINE_AXES),
     "off": 1,
+    "fixed": 1,
 }
 
 
@@ -61,9 +62,19 @@ class Rays:
         self.back, self.forward = rng.uniform(0.02, 0.2, (2, COUNT))
         self.measured, self.net = rng.uniform(0, 1e-3, COUNT), rng.uniform(0, 1, (COUNT, 4))
         self.far = np.where(np.arange(COUNT) % 5, 0.01, 10.0)
+        # points of the ray, found from guesses by one step of Newton's method
+        self.on_ray = self.r
+        self.guess = self.r + rng.uniform(-1, 1, (COUNT, 3)) * 10.0 ** rng.uniform(-8, 0, (COUNT, 1))
+        self.r = self.guess + self.newton_step()[:, 0]
+
+    def newton_step(self):
+        """Steps (n, 1, 3) from guesses towards points of the ray."""
+        target = jets_of(self.coefficients, self.on_ray[:, None])[:, :, :3, 0]
+        jets = jets_of(self.coefficients, self.guess[:, None])[:, :, :3]
+        return np.linalg.solve(jets[..., 1:], (target - jets[..., 0])[..., None])[..., 0]
 
     def rows(self):
-        first = [self.r, self.direction, np.stack([self.time, self.e], axis=1)]
+        first = [self.r, self.direction, np.stack([self.time, self.e], axis=1), self.guess]
         last = np.stack([self.back, self.forward, self.measured, self.far, np.zeros(COUNT)], axis=1)
         return np.concatenate([*first, last, self.net], axis=1)
 
@@ -174,7 +185,10 @@ def test_parts_of_enclosures_follow_from_derivatives(rays, enclosed):
     inverse = np.abs(enclosed["inverse"])
     turns = np.einsum("nij,nje->nie", inverse, bends[:, :3, :, 1]).max(axis=1)
     assert enclosed["turn"] == pytest.approx(turns[rows, rays.e], rel=1e-12, abs=0)
-    assert placed == pytest.approx(1e-14 + 1e-10 * turns[:, 0], rel=1e-9, abs=0)
+    rounding = 1e-14 + np.einsum("nij,nj->ni", inverse, rays.errors[:, :3]).max(axis=1)
+    step = np.abs(rays.r - rays.guess).max(axis=1)
+    newton = np.where(64 * turns[:, 0] * step <= 1, 5 * turns[:, 0] * step**2, np.inf)
+    assert placed == pytest.approx(rounding + newton, rel=1e-9, abs=0)
     jets = jets_of(rays.coefficients, rays.r[:, None])[:, 0]
     jacobians = jets[:, :3, 1:]
     assert enclosed["inverse"] @ jacobians == pytest.approx(np.tile(np.eye(3), (COUNT, 1, 1)), abs=1e-12)
@@ -194,8 +208,8 @@ def test_parts_of_enclosures_follow_from_derivatives(rays, enclosed):
     part = 2 * turns * way[:, None]
     with np.errstate(invalid="ignore"):
         reach = 2 * way[:, None] / (1 + np.sqrt(1 - part)) + placed[:, None]
-    holds = (part < 0.999) & (reach <= room)
-    holds &= np.logical_and.accumulate(part < 0.999, axis=1)
+    holds = (part < 0.98) & (reach <= room)
+    holds &= np.logical_and.accumulate(part < 0.98, axis=1)
     first = np.where(holds.any(axis=1), np.argmax(holds, axis=1), -1)
     known = enclosed["known"] > 0
     assert np.array_equal(known, first >= 0)
@@ -205,9 +219,12 @@ def test_parts_of_enclosures_follow_from_derivatives(rays, enclosed):
     # errors of fields, positions and derivatives
     size, degree = np.abs(jets[:, 3:, 1:]).sum(axis=2), 2
     near = bends[rows, :, np.maximum(first, 0), 1]
-    assert enclosed["fields"][:, :, 3] == pytest.approx(size * placed[:, None] + rays.errors[:, 3:], rel=1e-9, abs=0)
-    steep = enclosed["steep"] * placed
-    assert enclosed["coordinates"][:, :, 3] == pytest.approx(steep[:, None] + rays.errors[:, :3], rel=1e-9, abs=0)
+    change, placed = near * enclosed["reach"][:, None], placed[:, None]
+    of_fields = (size + change[:, 3:]) * placed + rays.errors[:, 3:]
+    assert enclosed["fields"][known][:, :, 3] == pytest.approx(of_fields[known], rel=1e-9, abs=0)
+    of_places = (enclosed["steep"][:, None] + change[:, :3]) * placed + rays.errors[:, :3]
+    assert enclosed["coordinates"][known][:, :, 3] == pytest.approx(of_places[known], rel=1e-9, abs=0)
+    placed = placed[:, 0]
     of_field = 2 * degree * rays.errors[:, 4] + near[:, 4] * placed
     assert enclosed["gradient"][known][..., 3] == pytest.approx(np.tile(of_field[known, None], (1, 3)), rel=1e-4, abs=0)
     map_errors = np.einsum("nij,nj->ni", inverse, rays.errors[:, :3])
@@ -221,15 +238,29 @@ def test_parts_of_enclosures_follow_from_derivatives(rays, enclosed):
     assert enclosed["turned"][known][..., 3] == pytest.approx(np.repeat(of_map[known], 3, axis=1), rel=1e-3, abs=0)
 
 
+def test_points_that_newtons_method_finds_are_as_close_to_the_ray_as_their_last_step_says(rays, enclosed):
+    """The map's polynomials and the steps are computed here; steps that are too long prove nothing."""
+    away = np.abs(rays.r - rays.on_ray).max(axis=1)
+    error = enclosed["placed"]
+    assert (away <= error).all()
+    assert np.isinf(error).any()
+    assert (away / error).max() > 0.02
+
+
 def test_differences_from_polynomials_along_rays_take_the_best_proof(rays, enclosed):
     """On the part itself by its range, on ellipses by their tails; unknown if points lie beyond the reach."""
     low, high, error, known = np.moveaxis(enclosed["parts"].reshape(COUNT, -1, 4), 2, 0)
     tails = line_tails(3)
     with np.errstate(invalid="ignore"):
-        around = rays.measured[:, None] + tails * ((high - low) / 2 + error) + 8 * error
+        fixed = rays.measured[:, None] + 8 * error
+        around = tails * ((high - low) / 2 + error) + fixed
     around[:, 0] = np.maximum(rays.net.max(axis=1) - low[:, 0], high[:, 0] - rays.net.min(axis=1)) + error[:, 0]
-    best = np.where(known > 0, around, np.inf).min(axis=1)
+    fixed[:, 0] = error[:, 0]
+    around = np.where(known > 0, around, np.inf)
+    best, which = around.min(axis=1), around.argmin(axis=1)
     found = enclosed["off"]
     some = np.isfinite(found)
     assert 0 < some.sum() < COUNT
     assert found[some] == pytest.approx(best[some], rel=1e-9, abs=0)
+    of_best = fixed[np.arange(COUNT), which]
+    assert enclosed["fixed"][some] == pytest.approx(of_best[some], rel=1e-9, abs=0)

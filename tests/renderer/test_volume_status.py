@@ -161,13 +161,16 @@ def test_volume_integrals_converge_with_the_requested_error(integrate):
     assert order > 0.8, f"errors {errors} for 1e-1 to 1e-10"
 
 
-@pytest.mark.parametrize("text", ["max(w-abs(x-0.37),0)", "sign(w-abs(u-0.37))"])
-def test_kinks_and_jumps_between_samples_are_found(draw, text):
-    """A tent, or a slab, a hundredth wide: every ray in the direction of x has the optical depth 1."""
-    mesh = Dataset(grid(Shape.HEXAHEDRON, 2))
-    parts = {"u": lambda p: p[:, 0], "w": lambda p: np.full(len(p), 0.005)}
+@pytest.mark.parametrize(
+    ("text", "shape", "width"),
+    [("max(w-abs(x-0.37),0)", Shape.PYRAMID, 0.001), ("sign(w-abs(u-0.37))", Shape.HEXAHEDRON, 0.005)],
+)
+def test_kinks_and_jumps_between_samples_are_found(draw, text, shape, width):
+    """A tent, or a slab, of a half-width: every ray in the direction of x has the optical depth 1."""
+    mesh = Dataset(grid(shape, 1))
+    parts = {"u": lambda p: p[:, 0], "w": lambda p: np.full(len(p), width)}
     data = Dataset(mesh.mesh, tuple(approximated(mesh, name, part, 2) for name, part in parts.items()))
-    ends, density = ((0.0, 0.005), 200.0) if "max" in text else ((-1.0, 1.0), 100.0)
+    ends, density = ((0.0, width), 1.0 / width) if "max" in text else ((-1.0, 1.0), 0.5 / width)
     volume = VolumeRendering(Transfer(ends, (0.0, density), ((1.0, 1.0, 1.0),) * 2), text)
     view = Camera((3.0, 0.5, 0.5), (0.5, 0.5, 0.5), height=0.9)
     frame = draw(data, objects=(volume,), camera=view, size=(6, 6), background=(0.0, 0.0, 0.0))
