@@ -43,6 +43,7 @@ class Solids:
         self.base, self.axis = some(-1, 1, 3), some(-1, 1, 3)
         self.axis /= np.linalg.norm(self.axis, axis=1, keepdims=True)
         self.length, self.wide, self.slope = some(0.2, 2), some(0.1, 1), some(-0.9, 0) * rng.choice([0, 1], COUNT)
+        self._twist()
         # some tubes are about as wide as parts may get away from the ray
         limit = sum(self.widths_within()) + np.resize([-0.5, 0.2, 0.5], COUNT) * (self.slack + 0.002)
         self.radius = np.where((np.arange(COUNT) % 6 == 0) & (limit > 0.4), limit, self.radius)
@@ -62,6 +63,17 @@ class Solids:
         self.is_missed = rng.integers(2, size=COUNT) > 0
         distance *= np.where(self.is_missed, 1.002, 0.998)
         self.apart = np.column_stack([distance[:, None] * away, height])
+
+    def _twist(self):
+        """Straight strips that turn about their line: g = s u (b + w u), whose derivative is zero at the end, or just
+        beyond it."""
+        own = np.arange(5, COUNT, 11)
+        self.ends = own, np.resize([0.99, 1.01], len(own))
+        s, w = 0.8, 0.3
+        b = 2 * w * self.half[own] * self.ends[1]
+        self.turn[own], self.swings[own], self.curved[own], self.at[own] = 0.0, 0.0, 0.0, [1e-6, 0.0, 0.0]
+        self.speed[own], self.swing[own] = [s, 0.0, 0.0], [0.0, w, 0.0]
+        self.side[own] = np.column_stack([0 * b, b, np.sqrt(1 - b**2)])
 
     def widths_within(self):
         """How far parts get away from the ray, by how much tubes may get narrower, and errors."""
@@ -213,6 +225,10 @@ def test_parts_of_strips_are_missed_met_once_or_seen_edge_on(solids, found):
     assert (far | lies_apart)[aside].all()
     assert ((rise > 0).all(axis=(0, 2)) | (rise < 0).all(axis=(0, 2)))[single].all()
     assert (np.abs(g).max(axis=(0, 2)) <= 1.01 * solids.slack * (1 + gap.max(axis=(0, 2)) + 2))[level].all()
+
+    # straight strips that turn: as far as the derivative of g keeps its sign
+    twisted, part = solids.ends
+    assert np.array_equal(single[twisted], part > 1)
 
     # nothing bends: decided by g and its derivative alone
     plain = (solids.turn == 0) & (solids.swings == 0) & (solids.swing == 0).all(axis=1)
