@@ -38,7 +38,7 @@ FOUND = [
     REMAINDER,
     {"deviation": 3, "around": 3, "extent": 1, "worth": 3, "shift": 3},
     FOLLOWED,
-    {"within": 1, "beyond": 1, "outcome": 1, "spread": 2, "first": 2, "last": 2, "aside": 2},
+    {"within": 1, "beyond": 1, "taylor": 1, "outcome": 1, "spread": 2, "first": 2, "last": 2, "aside": 2},
 ]
 #: first and last column and row of the picture, and of those of its pixels that are drawn
 PICTURE, DRAWN = np.array([[2, 1], [60, 50]]), np.array([[5, 3], [44, 32]])
@@ -306,6 +306,9 @@ def test_bounds_of_rays_match_those_of_numpy(follow):
     }
     check_equal(series, expected, expected)
     check_equal(followed, vars(Followed(cases)), FOLLOWED)
+    # twice the remainder of a part of 0.3
+    taylor = follow(cases, Looks(np.random.default_rng(20)))["taylor"]
+    assert taylor == pytest.approx(2 * 0.3**2 * followed["half_hessian"], rel=1e-12)
     assert 6 < followed["follows"].sum() < 20
 
 
