@@ -11,7 +11,8 @@ from elvis.core.quantities.expression import Expression
 from elvis.core.shapes import Shape
 from elvis.core.streamlines import line_pieces
 from elvis.core.streamlines.entries import ALONG, ON_SIDE, taking_up
-from elvis.core.streamlines.line_pieces import Pieces, check_count, resting
+from elvis.core.streamlines.line_pieces import Pieces, Steps, _curved, check_count, resting
+from elvis.core.streamlines.line_steps import Piece
 from elvis.core.streamlines.neighbours import Neighbours
 from elvis.core.streamlines.ribbons import _directions, _turned, at_seeds
 from elvis.core.streamlines.velocity import Velocity
@@ -96,3 +97,20 @@ def test_curves_have_a_limit_and_particles_rest(monkeypatch):
         assert powers @ pieces.reference == pytest.approx(np.pad(reference, ((0, 0), (0, 1))))
     assert pieces.time.tolist() == [[0.5, 0.5], [0.25, 0.25]]
     assert not pieces.length.any()
+
+
+def test_curves_of_steps_end_where_the_steps_do(monkeypatch):
+    """Their polynomials are off at the end: what is missing there is added in proportion to the time."""
+    rng, found = np.random.default_rng(5), []
+    nets, end, zeros = rng.normal(size=(3, 8, 4)), rng.normal(size=(3, 4)), np.zeros(3, int)
+    monkeypatch.setattr(line_pieces, "in_patch", lambda velocity, number, steps, most: found.append(steps))
+    monkeypatch.setattr(Pieces, "joined", staticmethod(list))
+    time, lasts = np.array([0.0, 1.0, 4.0]), np.array([1.0, 3.0, 0.5])
+    _curved([Piece(np.arange(3), zeros, zeros, time, lasts, nets, np.ones(3), end)], 10, -1, None, 1.0)
+    (steps,) = found
+    assert isinstance(steps, Steps)
+    assert steps.line.tolist() == [10, 11, 12]
+    assert steps.time.tolist() == [[0.0, -1.0], [-1.0, -4.0], [-4.0, -4.5]]
+    assert steps.nets[:, -1] == pytest.approx(end, rel=1e-14)
+    added = np.linspace(0, 1, 8)[:, None] * (end - nets[:, -1])[:, None]
+    assert steps.nets == pytest.approx(nets + added, rel=1e-13, abs=1e-14)
