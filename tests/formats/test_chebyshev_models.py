@@ -9,12 +9,20 @@ import pytest
 from numpy.polynomial import chebyshev
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.chebyshev_models import level_search
+from elvis.core.chebyshev_models import level_search, modelled_boxes
 from elvis.core.chebyshev_models import model as models
 from elvis.core.chebyshev_models.expression_models import BoxLeaves, has_models, model_of
 from elvis.core.chebyshev_models.level_search import LevelSearch
 from elvis.core.chebyshev_models.model_boxes import ModelBoxes, ShapeFacets, half_along
-from elvis.core.chebyshev_models.series import ORDERS, REACH, ROOM, bounds_in_eighths, shells_of, to_half
+from elvis.core.chebyshev_models.series import (
+    ORDERS,
+    REACH,
+    ROOM,
+    along_axes,
+    bounds_in_eighths,
+    shells_of,
+    to_half,
+)
 from elvis.core.chebyshev_models.series_boxes import SeriesBoxes
 from elvis.core.quantities.names import Names
 from elvis.core.quantities.parsing import Parser
@@ -90,7 +98,7 @@ def differences(text: str, count: int, half: float, seed: int) -> tuple[Floats, 
     """(ORDERS, boxes) largest differences found between a quantity and its model, and the bounds of them, in x."""
     root, series, scale = root_of(text), random_series(2, 4, seed), 1.0 / (ROOM * half)
     exact = np.zeros(series.shape[:2])
-    model = model_of(root, BoxLeaves(NAMES, series, exact, exact, 1.0, exact, scale, count))
+    model = model_of(root, BoxLeaves(NAMES, series, exact, exact, scale, count))
     inner, step = REACH / ROOM, 1e-4
     points = np.random.default_rng(seed + 1).uniform(-inner, inner, (200, 3))
     points[:100] = inner * np.sign(points[:100])
@@ -112,7 +120,7 @@ def differences(text: str, count: int, half: float, seed: int) -> tuple[Floats, 
 def exact_leaves(series: Floats, count: int) -> BoxLeaves:
     """Leaves of one box without errors."""
     exact = np.zeros(series.shape[:2])
-    return BoxLeaves(NAMES, series, exact, exact, 1.0, exact, 1.0, count)
+    return BoxLeaves(NAMES, series, exact, exact, 1.0, count)
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,13 +136,14 @@ class Whole:
 
     def boxes(self, rows: Ints, centre: Floats, half: float) -> ModelBoxes:
         """A box of some elements, by bisection."""
-        own = self.series[rows]
-        found = ModelBoxes.fresh(rows, np.zeros((len(rows), 3)), np.ones(len(rows)), own, np.zeros(own.shape[:2]))
-        while found.half[0] > half:
-            sides = np.where(centre > found.centre[0], 1, -1)
-            eighths = found.eighths(ShapeFacets(CUBE))
-            found = eighths.part(((eighths.centre - found.centre[0]) * sides > 0).all(axis=1))
-        return found
+        series, place, side = self.series[rows], np.zeros(3), 1.0
+        while side > half:
+            sides = np.where(centre > place, 1, -1)
+            series = along_axes(series, *(to_half(series.shape[-1], own) for own in sides))
+            side /= 2
+            place = place + side * sides
+        count = len(rows)
+        return ModelBoxes(rows, np.tile(centre, (count, 1)), np.full(count, half), series, np.zeros(series.shape[:2]))
 
 
 @pytest.mark.parametrize("text", EXPRESSIONS)
@@ -225,10 +234,16 @@ def test_boxes_contain_the_whole_level_set() -> None:
         s = rng.uniform(-REACH, REACH, (50, 3))
         point = boxes.centre[number] + boxes.half[number] * s
         value = truth(root, series[boxes.element[number]], point / ROOM, 1.0 / ROOM)
-        stated = values(boxes.series[number, 3], s / ROOM)
+        stated = values(boxes.series[number], s / ROOM)
         assert np.abs(stated - value).max() <= boxes.misfit[number, 0] + boxes.error[number]
-        places = values(boxes.series[number, 0], s / ROOM)
-        assert np.abs(places - values(series[boxes.element[number], 0], point / ROOM)).max() < 1e-12
+        larger = boxes.map_of[number]
+        of_map = (point - boxes.map_centre[larger]) / boxes.map_half[larger]
+        places = np.stack([values(own, of_map / ROOM) for own in boxes.maps[larger]], axis=1)
+        true = np.stack([values(own, point / ROOM) for own in series[boxes.element[number], :3]], axis=1)
+        assert np.abs(places - true).max() < 1e-12
+        inner = (np.abs(s) <= 1).all(axis=1)
+        assert (true[inner] >= boxes.world[number, :3]).all()
+        assert (true[inner] <= boxes.world[number, 3:]).all()
 
 
 def test_conditions_drop_boxes_and_tell_where_they_are_open() -> None:
@@ -291,10 +306,11 @@ def test_models_are_good_within_their_part_of_the_range(remainder: float, share:
     coefficients = np.zeros((2, 3, 3, 3))
     coefficients[0, 1, 0, 0] = 1.0
     lacking = np.zeros((ORDERS, 2))
-    boxes = level_search._ModelledBoxes(None, coefficients, lacking, np.zeros(2), None)
+    nowhere = None, np.zeros(2, int), np.zeros((2, 3)), np.ones(2)
+    boxes = modelled_boxes.ModelledBoxes(*nowhere, coefficients, lacking, np.zeros(2), None)
     assert boxes.is_good.all()
-    limit = level_search._MODEL_PART * boxes.range[0]
-    lacking[:, 0] = remainder * limit / level_search._lacking(np.ones((ORDERS, 1)))
+    limit = modelled_boxes.MODEL_PART * boxes.range[0]
+    lacking[:, 0] = remainder * limit / modelled_boxes.lacking(np.ones((ORDERS, 1)))
     assert boxes.is_within(share).tolist() == [is_within, True]
 
 

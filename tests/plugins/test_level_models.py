@@ -32,20 +32,11 @@ def test_series_of_boxes_are_within_their_errors(shape, centre, half):
     assert half == 1.0 or (off < 1e-9).all()
 
 
-def test_derivatives_of_errors_shrink_with_boxes():
-    """A series that is off by a polynomial of its own degree, restricted to an eighth."""
-    from elvis.core.chebyshev_models.expression_models import BoxLeaves
-
-    series, off, none = np.zeros((1, 3, 4, 4, 4)), np.full((1, 3), 1e-3), np.zeros((1, 3))
-    wide, narrow = (BoxLeaves((), series, none, off, part, none, 1.0 / part, 6).slope(0, 0) for part in (1.0, 0.25))
-    assert narrow.remainder[:, 0] == pytest.approx(wide.remainder[:, 0] * 0.25 ** np.arange(3), rel=1e-12, abs=0)
-
-
 def test_rounding_of_sums_counts_in_errors_of_series():
     from elvis.core.chebyshev_models.expression_models import BoxLeaves, sum_rounding
 
     series, none = np.zeros((1, 3, 4, 4, 4)), np.zeros((1, 3))
     series[0, 0, 0, 0, :2] = 3.0, -2.0
     for own in (0.0, 1e-13):
-        found = BoxLeaves((), series, none, none, 1.0, np.full((1, 3), own), 1.0, 6).value(0)
+        found = BoxLeaves((), series, none, np.full((1, 3), own), 1.0, 6).value(0)
         assert found.remainder[0] == pytest.approx([own + 5.0 * sum_rounding(4)], rel=1e-9, abs=0)

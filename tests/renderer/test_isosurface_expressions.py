@@ -145,7 +145,7 @@ def test_remainders_of_series_in_boxes_count(iso, monkeypatch, stated):
         own.level = 1.0 - SHIFT
         boxes = found(own, elements)
         series, misfit = boxes.series.copy(), boxes.misfit.copy()
-        series[:, 3, 0, 0, 0] += SHIFT
+        series[:, 0, 0, 0] += SHIFT
         misfit[:, 0] += SHIFT * stated
         return replace(boxes, series=series, misfit=misfit)
 

@@ -14,7 +14,7 @@ from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.geometry import GeometryBlock, geometry
 from elvis.core.quantities import Expression
-from elvis.core.quantities.bounding import quantity_range
+from elvis.core.quantities.bounding import is_between_values, quantity_range
 from elvis.core.shapes import Shape
 from elvis.core.streamlines.course import REST
 from elvis.core.validity.validity import ValidityStatus, statuses
@@ -342,6 +342,9 @@ class Stages:
 
     def _in_range(self, asked: str, own: str | None, value: float) -> None:
         """AbsentError where a quantity, by its certified bounds, has the value nowhere."""
+        data = self.dataset
+        if asked not in self._ranges and data and is_between_values(data, self._expression(data, asked), value):
+            return
         try:
             low, high = self.bounds(asked)
         except SceneError:

@@ -44,9 +44,7 @@ class BoxLeaves:
     names   of the fields
     series  (n, 3 + fields, degree + 1 three times) Chebyshev coefficients: x, y, z and the fields
     errors  (n, 3 + fields) how far values that are computed in an element may be from the true ones
-    off     (n, 3 + fields) how far the series, on larger boxes, from which these are restricted may be from the leaves
-    narrow  half sides of the boxes relative to those larger ones
-    own     (n, 3 + fields) how far the restricted series may be from the larger ones
+    off     (n, 3 + fields) how far the series may be from the leaves
     scale   derivatives along a box's x over those along the coordinates of its element
     count   nodes of a line
     """
@@ -55,8 +53,6 @@ class BoxLeaves:
     series: Floats
     errors: Floats
     off: Floats
-    narrow: float
-    own: Floats
     scale: float
     count: int
     _known: dict[object, ChebyshevModel] = field(default_factory=dict)
@@ -88,14 +84,12 @@ class BoxLeaves:
     def _remainder(self, leaf: int, order: int) -> Floats:
         """(ORDERS, n) errors of the series of a leaf, or of its derivatives, and of the derivatives of these errors.
 
-        The difference to the true leaf is a polynomial of the same degree.  A derivative along the coordinates of a
-        box is smaller than one along those of a larger box, by the ratio of their sides.
+        The difference to the true leaf is a polynomial of the same degree.
         """
         size = self.series.shape[-1]
         total = np.abs(self.series[:, leaf]).reshape(len(self.series), size**3).sum(axis=1)
-        off, own = self.off[:, leaf], self.own[:, leaf] + sum_rounding(size) * total
-        steep = [steepness(size, k + order) * self.scale**order for k in range(ORDERS)]
-        return np.stack([steep[k] * (self.narrow ** (k + order) * off + own) for k in range(ORDERS)])
+        error = self.off[:, leaf] + sum_rounding(size) * total
+        return np.outer([steepness(size, k + order) * self.scale**order for k in range(ORDERS)], error)
 
     def cofactor(self, direction: int, axis: int) -> ChebyshevModel:
         """An entry of the matrix of cofactors of the map: the gradient of a coordinate times the determinant."""

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import Protocol
 
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.chebyshev_models.series import along_axes, sum_rounding, to_half
+from elvis.core.chebyshev_models.series import to_half
 
 #: the eight eighths of a box
 _EIGHTHS = tuple((x, y, z) for z in (-1, 1) for y in (-1, 1) for x in (-1, 1))
@@ -22,9 +22,7 @@ class ModelBoxes:
     element   (n,) rows of elements
     centre    (n, 3) and half (n,) half sides
     leaves    (n, 3 + fields, degree + 1 three times) series of the map and of fields
-    off       (n, 3 + fields) maximum error of the series from which these were restricted
-    wide      (n,) half sides of the boxes of those series: the error is a polynomial there
-    rounding  (n, 3 + fields) maximum error that restrictions added
+    off       (n, 3 + fields) maximum error of the series
     """
 
     element: Ints
@@ -32,13 +30,6 @@ class ModelBoxes:
     half: Floats
     leaves: Floats
     off: Floats
-    wide: Floats
-    rounding: Floats
-
-    @staticmethod
-    def fresh(element: Ints, centre: Floats, half: Floats, leaves: Floats, off: Floats) -> ModelBoxes:
-        """Boxes with series of their own."""
-        return ModelBoxes(element, centre, half, leaves, off, half, np.zeros_like(off))
 
     def __len__(self) -> int:
         return len(self.element)
@@ -47,37 +38,12 @@ class ModelBoxes:
         """Some of the boxes."""
         return ModelBoxes(*(getattr(self, own.name)[rows] for own in fields(self)))
 
-    def eighths(self, inside: ShapeFacets) -> ModelBoxes:
-        """Eighths of all boxes that may lie in their elements."""
-        parts = [self._eighth(sides) for sides in _EIGHTHS]
-        found = joined(parts)
-        return found.part(inside.holds(found.centre, found.half))
-
     @property
-    def error(self) -> Floats:
-        """(n, 3 + fields) maximum error of the series."""
-        return self.off + self.rounding
-
-    def moved(self, axis: int, side: int) -> ModelBoxes:
-        """The halves along an axis on one side; the sizes are not updated."""
-        centre = self.centre.copy()
-        centre[:, axis] += 0.5 * side * self.half
-        return replace(
-            self, centre=centre, leaves=half_along(self.leaves, axis, side), rounding=self._rounding_of_parts
-        )
-
-    def _eighth(self, sides: tuple[int, int, int]) -> ModelBoxes:
-        """The eighth of each box on these sides."""
+    def eighths(self) -> tuple[Ints, Floats, Floats]:
+        """Elements, centres and half sides of the eighths of all boxes."""
         half = 0.5 * self.half
-        centre = self.centre + half[:, None] * np.array(sides)
-        leaves = restricted(self.leaves, sides)
-        return replace(self, centre=centre, half=half, leaves=leaves, rounding=self._rounding_of_parts)
-
-    @property
-    def _rounding_of_parts(self) -> Floats:
-        """The rounding of series on parts of the boxes."""
-        totals = np.abs(self.leaves).sum(axis=(2, 3, 4))
-        return np.asarray(self.rounding + 2.0 * sum_rounding(self.leaves.shape[-1]) * totals)
+        centres = self.centre[:, None] + half[:, None, None] * np.array(_EIGHTHS)
+        return np.repeat(self.element, 8), centres.reshape(-1, 3), np.repeat(half, 8)
 
 
 class ElementSeries(Protocol):
@@ -125,9 +91,3 @@ def half_along(series: Floats, axis: int, side: int) -> Floats:
     # sizes in full, as there may be no series
     flat = np.matmul(matrix, series.reshape(*series.shape[:-2], series.shape[-2] * series.shape[-1]))
     return np.asarray(flat.reshape(series.shape))
-
-
-def restricted(series: Floats, sides: tuple[int, int, int]) -> Floats:
-    """Series (..., n, n, n) on one eighth of their boxes."""
-    count = series.shape[-1]
-    return along_axes(series, *(to_half(count, side) for side in sides))

@@ -22,8 +22,10 @@ ROOM, REACH = 1.25, 1.12
 #: orders of derivatives that are bounded: values, first and second derivatives
 ORDERS = 3
 #: terms in each direction of series whose bounds are taken on parts of boxes
-_RESTRICTED = 7
+_RESTRICTED = 5
 _INNER = REACH / ROOM
+#: rounding of `on_parts` and of series on eighths, relative to the sum of magnitudes: ample
+PARTS_ROUNDING = 1e-11
 
 
 @bounded_cache
@@ -88,7 +90,7 @@ def along_axes(numbers: Floats, first: Floats, second: Floats, third: Floats) ->
     for matrix in (first, second, third):
         *leading, a, b, c = numbers.shape
         planes = numbers.reshape(*leading, a * b, c).swapaxes(-1, -2)
-        numbers = np.matmul(matrix, planes).reshape(*leading, len(matrix), a, b)
+        numbers = np.matmul(matrix, planes).reshape(*leading, matrix.shape[-2], a, b)
     return np.asarray(numbers)
 
 
@@ -96,6 +98,18 @@ def coefficients_of(values: Floats) -> Floats:
     """(..., count, count, count) Chebyshev coefficients of values at the nodes."""
     matrix = to_coefficients(values.shape[-1])
     return along_axes(values, matrix, matrix, matrix)
+
+
+def on_parts(series: Floats, centre: Floats, ratio: Floats) -> Floats:
+    """(n, m, count, count, count) series on parts of their boxes, but for some rounding (`PARTS_ROUNDING`).
+
+    centre  (n, 3) of the parts, in the coordinates s of the boxes
+    ratio   (n,) of their sides to those of the boxes
+    """
+    count = series.shape[-1]
+    places = centre[:, :, None] / ROOM + ratio[:, None, None] * nodes(count)
+    matrices = to_coefficients(count) @ np.polynomial.chebyshev.chebvander(places, count - 1)
+    return along_axes(series, *(matrices[:, None, axis] for axis in range(3)))
 
 
 @bounded_cache
@@ -120,7 +134,7 @@ def bounds_in_eighths(coefficients: Floats) -> tuple[Floats, Floats]:
     mean = parts[:, :, 0, :, 0, :, 0].reshape(boxes, 8)
     total = np.abs(parts).sum(axis=(2, 4, 6)).reshape(boxes, 8)
     all_terms = np.abs(coefficients).sum(axis=(1, 2, 3))
-    reserve = all_terms - np.abs(low).sum(axis=(1, 2, 3)) + 1e-11 * all_terms
+    reserve = all_terms - np.abs(low).sum(axis=(1, 2, 3)) + PARTS_ROUNDING * all_terms
     return mean, total - np.abs(mean) + reserve[:, None]
 
 
@@ -158,6 +172,12 @@ def growth(count: int) -> Floats:
 def sizes_of(shells: Floats) -> Floats:
     """(ORDERS, n) bounds of series and of their derivatives in x, from their shells (n, count)."""
     return np.asarray(growth(shells.shape[1]) @ shells.T)
+
+
+def tails_of(shells: Floats) -> Floats:
+    """(ORDERS, n, count) bounds of the terms of a degree and beyond, and of their derivatives, for each degree."""
+    terms = growth(shells.shape[1])[:, None] * shells
+    return np.asarray(np.cumsum(terms[..., ::-1], axis=-1)[..., ::-1])
 
 
 @cache

@@ -60,6 +60,15 @@ def _own_range(dataset: Dataset, expression: Expression) -> Range | None:
     return Range(min(lower, search.minimum), max(upper, search.maximum), search.minimum, search.maximum)
 
 
+def is_between_values(dataset: Dataset, expression: Expression, value: float) -> bool:
+    """Whether a value lies between two that a quantity attains at some points: much quicker than `quantity_range`."""
+    evaluator = Evaluator(dataset, [expression])
+    if expression.is_field or any(patch.homogeneous for patch in evaluator.patches):
+        return False
+    search = _Search(evaluator, expression)
+    return bool(search.minimum <= value <= search.maximum)
+
+
 def deciding_elements(dataset: Dataset, expression: Expression) -> Ints:
     """(n,) ids of elements that may hold an end of the range: these elements give the same `quantity_range` as all."""
     if expression.is_field:

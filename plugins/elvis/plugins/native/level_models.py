@@ -165,7 +165,7 @@ class ElementLevelSeries:
         none = self._search.none()
         self._found.update(dict.fromkeys(rows.tolist(), none))
         self._found.update(boxes.by_element())
-        self.nbytes += boxes.series.nbytes
+        self.nbytes += boxes.nbytes
 
     def _drop_some(self, wanted: Ints) -> None:
         """Drop boxes of random elements other than wanted ones until the memory limit is satisfied.
@@ -177,7 +177,7 @@ class ElementLevelSeries:
         for element in others.tolist():
             if self.nbytes <= _MOST_OF_BOXES:
                 return
-            self.nbytes -= self._found.pop(element).series.nbytes
+            self.nbytes -= self._found.pop(element).nbytes
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,11 +204,12 @@ class ElementNets:
             series_of(space, net[rows].reshape(-1, space.count), count, centre, half)
             for space, net in zip(self.spaces, self.nets, strict=True)
         ]
-        series = [own.reshape(len(rows), -1, count, count, count) for own, _ in found]
-        off = [errors.reshape(len(rows), -1) for _, errors in found]
+        leaves = [net.shape[1] for net in self.nets]
+        series = [own.reshape(len(rows), m, count, count, count) for (own, _), m in zip(found, leaves, strict=True)]
+        off = [errors.reshape(len(rows), m) for (_, errors), m in zip(found, leaves, strict=True)]
         centres = np.tile(centre, (len(rows), 1))
         sides = np.full(len(rows), half)
-        return ModelBoxes.fresh(rows, centres, sides, np.concatenate(series, axis=1), np.concatenate(off, axis=1))
+        return ModelBoxes(rows, centres, sides, np.concatenate(series, axis=1), np.concatenate(off, axis=1))
 
 
 def series_of(space: BernsteinSpace, nets: Floats, count: int, centre: Floats, half: float) -> tuple[Floats, Floats]:

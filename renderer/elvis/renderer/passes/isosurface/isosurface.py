@@ -370,16 +370,19 @@ class IsosurfaceDrawer:
         """Boxes that are drawn together, with their series, nearest first, without those that are hidden."""
         sections, near = _sections_of(level.view, boxes)
         open_boxes = sections.element[~level.hides(sections, near)].astype(np.int64)
-        errors = boxes.misfit, boxes.error, boxes.summed, boxes.places
-        records = np.column_stack([boxes.centre, boxes.half, *errors, boxes.condition])
+        errors = boxes.misfit, boxes.error, boxes.summed, boxes.places, boxes.condition
+        places = boxes.map_centre[boxes.map_of], boxes.map_half[boxes.map_of]
+        records = np.column_stack([boxes.centre, boxes.half, *errors, *places])
         numbers = boxes.series[:1].size
         count = -(-len(open_boxes) * numbers // _OF_LEAVES)
         for rows in np.array_split(open_boxes, count) if count else []:
             some = sub_elements[rows]
             some["slot"] = np.arange(len(rows))
+            maps, map_of = np.unique(boxes.map_of[rows], return_inverse=True)
             lists = {
                 "leaf_series": self.device.buffer(boxes.series[rows]),
-                "box_models": self.device.buffer(records[rows]),
+                "map_series": self.device.buffer(boxes.maps[maps]),
+                "box_models": self.device.buffer(np.column_stack([records[rows], map_of])),
             }
             yield replace(level, buffers={**level.buffers, **lists}), some
 
@@ -462,7 +465,7 @@ class IsosurfaceDrawer:
             "box_sizes": np.array(BOXES),
             "tails": tails(degree),
             "leaf_chebyshev": leaf_series,
-            **dict.fromkeys(("leaf_series", "grid_errors", "box_models"), np.zeros(1)),
+            **dict.fromkeys(("leaf_series", "map_series", "grid_errors", "box_models"), np.zeros(1)),
         }
 
     def _fits(self, level: Level, sub_elements: NDArray[Any]) -> Buffer:

@@ -1,0 +1,293 @@
+"""Parts of boxes with the series of a quantity, and of a condition, near a level."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.chebyshev_models.model import ChebyshevModel
+from elvis.core.chebyshev_models.model_boxes import ModelBoxes, ShapeFacets, half_along
+from elvis.core.chebyshev_models.series import (
+    ORDERS,
+    PARTS_ROUNDING,
+    ROOM,
+    amplification,
+    bounds_in_eighths,
+    kernel_rounding,
+    on_parts,
+    shells_of,
+    sizes_of,
+    steepness,
+    sum_rounding,
+    tails_of,
+    transform_rounding,
+)
+from elvis.core.chebyshev_models.series_boxes import SeriesBoxes, world_boxes
+
+#: tolerated error of models, relative to their range
+MODEL_PART = 1e-4
+#: the same tolerance for the smallest boxes, whose error is rounding
+_FAIR_PART = 2e-3
+#: pixels of a box of a picture; within one, the quantity changes by more than the error of its series
+_PIXELS = 16.0
+
+
+@dataclass(frozen=True, eq=False)
+class ModelledBoxes:
+    """Parts of boxes with the series of a quantity.
+
+    boxes         of the models, with the series of the map
+    row           (n,) the box of each part
+    centre        (n, 3) and half (n,) of the parts, in the coordinates of the elements' cubes
+    coefficients  (n, count, count, count) of the quantity's series
+    remainder     (ORDERS, n) bounds of its error, and of the error's derivatives in x
+    error         (n,) maximum error of computed values of the quantity
+    condition     optional: where the level counts
+    """
+
+    boxes: ModelBoxes
+    row: Ints
+    centre: Floats
+    half: Floats
+    coefficients: Floats
+    remainder: Floats
+    error: Floats
+    condition: Condition | None
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    @property
+    def element(self) -> Ints:
+        """(n,) rows of elements."""
+        return self.boxes.element[self.row]
+
+    def part(self, rows: Ints | Bools) -> ModelledBoxes:
+        """Some of the parts."""
+        condition = None if self.condition is None else self.condition.part(rows)
+        places = self.boxes, self.row[rows], self.centre[rows], self.half[rows]
+        return ModelledBoxes(*places, self.coefficients[rows], self.remainder[:, rows], self.error[rows], condition)
+
+    @property
+    def range(self) -> Floats:
+        """(n,) how far the series goes from its mean."""
+        return _range_of(self.coefficients)
+
+    @property
+    def is_good(self) -> Bools:
+        """(n,) whether the error of the series is small compared to its range, or is rounding."""
+        return self.is_within(1.0)
+
+    def is_within(self, share: float) -> Bools:
+        """(n,) whether it is at most this share of the tolerated error, or rounding."""
+        own = lacking(self.remainder)
+        count = self.coefficients.shape[-1]
+        rounding = amplification(count) * self.error * max(_PIXELS, steepness(count, 1))
+        part = MODEL_PART if self.condition is None else self.condition.tolerance
+        return np.asarray(own <= np.maximum(share * part * self.range, 2.0 * rounding))
+
+    @property
+    def is_fair(self) -> Bools:
+        """(n,) whether the error of the series suffices for boxes that are not bisected any more."""
+        return np.asarray(lacking(self.remainder) <= _FAIR_PART * self.range)
+
+    def may_hold(self, level: float) -> Bools:
+        """(n,) whether the quantity may have the level in a box."""
+        mean = self.coefficients[:, 0, 0, 0]
+        meets = ~(np.abs(mean - level) > self.range + self.remainder[0] + self.error)
+        return np.asarray(meets if self.condition is None else meets & ~self.condition.is_positive)
+
+    def may_hold_in_parts(self, level: float) -> Bools:
+        """(n,) whether the quantity may have the level in an eighth of a box: the series excludes more there."""
+        mean, reach = bounds_in_eighths(self.coefficients)
+        room = (self.remainder[0] + self.error)[:, None]
+        meets = ~(np.abs(mean - level) > reach + room)
+        if self.condition is not None:
+            meets &= ~self.condition.is_positive_in_eighths
+        return np.asarray(meets.any(axis=1))
+
+    def misfit(self, degree: int) -> Floats:
+        """(ORDERS, n) the remainders with the terms beyond a degree."""
+        shells = shells_of(self.coefficients)
+        shells[:, : degree + 1] = 0.0
+        return np.asarray(self.remainder + sizes_of(shells))
+
+    def shortened(self, least: int, share: float) -> ModelledBoxes:
+        """The series without terms of high degrees, ``least`` nodes of a line at least: these count as remainder.
+
+        They are at most a share of the range, also of parts, in which they fade faster than the range.
+        """
+        tails = tails_of(shells_of(self.coefficients))
+        lacking = np.maximum(_PIXELS * tails[0], tails[1]) / self.range[:, None]
+        count = max(least, int(np.count_nonzero(lacking.max(axis=0) > share)))
+        if count >= tails.shape[-1]:
+            return self
+        low = np.ascontiguousarray(self.coefficients[:, :count, :count, :count])
+        return replace(self, coefficients=low, remainder=self.remainder + tails[..., count])
+
+    def eighths(self, inside: ShapeFacets, level: float) -> ModelledBoxes:
+        """Eighths of all parts that may hold a level and lie in their elements; derivatives are half as great."""
+        found = self
+        for axis in range(3):
+            found = found._halves(axis, level)
+        found = found.part(inside.holds(found.centre, 0.5 * found.half))
+        remainder = found.remainder * (0.5 ** np.arange(ORDERS))[:, None]
+        condition = None if found.condition is None else found.condition.halved()
+        return replace(found, half=0.5 * found.half, remainder=remainder, condition=condition)
+
+    def _halves(self, axis: int, level: float) -> ModelledBoxes:
+        """Halves along an axis that may hold a level; the sizes are not updated."""
+        total = self.range + np.abs(self.coefficients[:, 0, 0, 0])
+        error = self.error + 2.0 * sum_rounding(self.coefficients.shape[-1]) * total
+        parts = []
+        for side in (-1, 1):
+            condition = None if self.condition is None else self.condition.on_side(axis, side)
+            coefficients = half_along(self.coefficients, axis, side)
+            centre = self.centre + 0.5 * side * self.half[:, None] * np.eye(3)[axis]
+            half = replace(self, centre=centre, coefficients=coefficients, error=error, condition=condition)
+            parts.append(half.part(half.may_hold(level)))
+        return ModelledBoxes(
+            self.boxes,
+            np.concatenate([part.row for part in parts]),
+            np.concatenate([part.centre for part in parts]),
+            np.concatenate([part.half for part in parts]),
+            np.concatenate([part.coefficients for part in parts]),
+            np.concatenate([part.remainder for part in parts], axis=1),
+            np.concatenate([part.error for part in parts]),
+            Condition.joined([part.condition for part in parts if part.condition is not None]),
+        )
+
+    def as_series_boxes(self, degree: int, misfit: Floats) -> SeriesBoxes:
+        """The parts with series of a degree, and what those lack (ORDERS, n), in x."""
+        size = degree + 1
+        used, map_of = np.unique(self.row, return_inverse=True)
+        boxes = self.boxes.part(used)
+        maps, errors = _maps_of(boxes, size)
+        places, rounding = errors[map_of], PARTS_ROUNDING * np.abs(maps).sum(axis=(1, 2, 3, 4))[map_of]
+        series, _ = _of_size(self.coefficients, size)
+        # kernels sum these series: the rounding of that counts as well
+        summed = kernel_rounding(size) * np.abs(series).sum(axis=(1, 2, 3))
+        whole = np.tile((-1.0, 0.0), (len(self), 1))
+        ratio = self.half / boxes.half[map_of]
+        centre = (self.centre - boxes.centre[map_of]) / boxes.half[map_of, None]
+        return SeriesBoxes(
+            element=self.element,
+            centre=self.centre,
+            half=self.half,
+            series=series,
+            misfit=misfit.T / ROOM ** np.arange(ORDERS),
+            error=self.error + summed,
+            summed=summed,
+            places=places,
+            world=world_boxes(on_parts(maps[map_of], centre, ratio), places + rounding),
+            condition=whole if self.condition is None else self.condition.in_kernels,
+            map_of=map_of,
+            unmodelled=np.zeros(0, np.int64),
+            map_centre=boxes.centre,
+            map_half=boxes.half,
+            maps=maps,
+        )
+
+
+def _maps_of(boxes: ModelBoxes, size: int) -> tuple[Floats, Floats]:
+    """Series (n, 3, size three times) of the maps of boxes, and the error (n,) of places that kernels find by them."""
+    leaves = boxes.leaves[:, :3]
+    found, left_out = _of_size(leaves.reshape(-1, *leaves.shape[2:]), size)
+    maps = found.reshape(-1, 3, *found.shape[1:])
+    summed = kernel_rounding(size) * np.abs(maps).sum(axis=(2, 3, 4))
+    return maps, (boxes.off[:, :3] + left_out.reshape(-1, 3) + summed).sum(axis=1)
+
+
+def _of_size(series: Floats, size: int) -> tuple[Floats, Floats]:
+    """Series (n, count three times) with ``size`` nodes of a line, and the sums (n,) of magnitudes that are left out.
+
+    Fields may have higher degrees than the map: the map's series contain only rounding there.
+    """
+    count = min(size, series.shape[-1])
+    found = np.zeros((len(series), size, size, size))
+    found[:, :count, :count, :count] = series[:, :count, :count, :count]
+    return found, shells_of(series)[:, count:].sum(axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Condition:
+    """A condition on boxes, which is positive where a level does not count.
+
+    coefficients  (n, count, count, count) of its series
+    remainder     (n,) bounds of the error of the series
+    steepness     (n,) bounds of the sum of the magnitudes of its derivatives in x
+    error         (n,) maximum error of computed values
+    tolerance     (n,) tolerated error of the models of the quantity, relative to their range
+    """
+
+    coefficients: Floats
+    remainder: Floats
+    steepness: Floats
+    error: Floats
+    tolerance: Floats
+
+    @staticmethod
+    def of(model: ChebyshevModel, tolerance: float) -> Condition:
+        """A condition with a model."""
+        count = model.values.shape[-1]
+        off = amplification(count) * model.error + transform_rounding(count) * model.sizes[0]
+        steep = 3.0 * (model.sizes[1] + model.remainder[1] + steepness(count, 1) * off)
+        tolerances = np.full(len(off), tolerance)
+        return Condition(model.coefficients, model.remainder[0] + off, steep, model.error, tolerances)
+
+    @staticmethod
+    def joined(parts: list[Condition]) -> Condition | None:
+        """The conditions of several lists of boxes; None if there are none."""
+        if not parts:
+            return None
+        return Condition(*(np.concatenate([getattr(part, own.name) for part in parts]) for own in fields(Condition)))
+
+    def part(self, rows: Ints | Bools) -> Condition:
+        """Those of some boxes."""
+        return Condition(*(getattr(self, own.name)[rows] for own in fields(self)))
+
+    def on_side(self, axis: int, side: int) -> Condition:
+        """Those of halves along an axis on one side."""
+        total = np.abs(self.coefficients).sum(axis=(1, 2, 3))
+        remainder = self.remainder + 2.0 * sum_rounding(self.coefficients.shape[-1]) * total
+        return replace(self, coefficients=half_along(self.coefficients, axis, side), remainder=remainder)
+
+    def halved(self) -> Condition:
+        """The same in the coordinates of boxes of half the size."""
+        return replace(self, steepness=0.5 * self.steepness)
+
+    @property
+    def _room(self) -> Floats:
+        """(n,) how far values may be from the mean of the series."""
+        return np.asarray(_range_of(self.coefficients) + self.remainder + self.error)
+
+    @property
+    def is_positive(self) -> Bools:
+        """(n,) whether the level counts nowhere in a box."""
+        return np.asarray(self.coefficients[:, 0, 0, 0] > self._room)
+
+    @property
+    def is_positive_in_eighths(self) -> Bools:
+        """(n, 8) whether the level counts nowhere in an eighth of a box."""
+        mean, reach = bounds_in_eighths(self.coefficients)
+        return np.asarray(mean > reach + (self.remainder + self.error)[:, None])
+
+    @property
+    def in_kernels(self) -> Floats:
+        """(n, 2) as in SeriesBoxes."""
+        counts = self.coefficients[:, 0, 0, 0] < -self._room
+        open_ends = np.stack([self.error, self.steepness / ROOM], axis=1)
+        return np.where(counts[:, None], (-1.0, 0.0), open_ends)
+
+
+def lacking(bounds: Floats) -> Floats:
+    """(n,) errors (ORDERS, n) of quantities in a box of a picture, relative to which their range must be large."""
+    return np.asarray(np.maximum(_PIXELS * bounds[0], bounds[1]))
+
+
+def _range_of(coefficients: Floats) -> Floats:
+    """(n,) how far series (n, count, count, count) go from their means."""
+    flat = np.abs(coefficients).reshape(len(coefficients), coefficients.shape[-1] ** 3)
+    return np.asarray(flat[:, 1:].sum(axis=1))
