@@ -319,7 +319,7 @@ def test_derivatives_of_conditions_halve_with_their_boxes() -> None:
     coefficients = np.zeros((1, 3, 3, 3))
     coefficients[0, 1, 0, 0], coefficients[0, 0, 1, 0], coefficients[0, 0, 0, 1] = 3.0, -2.0, 1.0
     nothing = np.zeros(1)
-    condition = level_search._Condition(coefficients, nothing, np.array([6.0]), nothing, nothing)
+    condition = modelled_boxes.Condition(coefficients, nothing, np.array([6.0]), nothing, nothing)
     for axis in range(3):
         condition = condition.on_side(axis, 1)
     condition = condition.halved()
