@@ -543,3 +543,18 @@ def test_vertices_of_several_parts_are_numbered_together():
     assert one[1] == two[0]
     assert one[0] == three[1]
     assert len({*one, *two, *three}) == 4
+
+
+def test_files_are_joined_if_all_are_pieces_or_functions_of_different_spaces(tmp_path):
+    names = {}
+    for name, space in {"a.gf": "H1_2D_P2", "b.gf": "H1_2D_P2", "c.gf": "L2_2D_P1"}.items():
+        text = f"FiniteElementSpace\nFiniteElementCollection: {space}\nVDim: 1\nOrdering: 0\n\n0\n"
+        names[name] = tmp_path / name
+        names[name].write_text(text)
+    pieces = [tmp_path / f"box.{number:06d}" for number in range(2)]
+    for piece in pieces:
+        piece.write_text("MFEM mesh v1.0\n")
+    assert Mfem.joins(pieces)
+    assert not Mfem.joins([pieces[0], names["a.gf"]])
+    assert Mfem.joins([names["a.gf"], names["c.gf"]])
+    assert not Mfem.joins([names["a.gf"], names["b.gf"]])

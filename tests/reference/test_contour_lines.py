@@ -7,7 +7,7 @@ from elvis import Camera, Clip, Contours, CutSurface, Faces, Plane, Scene, Statu
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, with_field
 from elvis.reference.picture import render
-from elvis.reference.scenes.contour_search import Place
+from elvis.reference.scenes.contour_search import Place, _shares
 from elvis.reference.scenes.equations import Linear
 from elvis.renderer.completing import completed
 
@@ -145,3 +145,19 @@ def test_places_of_boxes_in_the_picture_are_off_by_no_more_than_is_stated():
         ways.append(away / deviation)
     assert np.max(shares) > 0.7
     assert np.max(ways) > 0.7
+
+
+def test_shares_of_a_line_end_where_a_coordinate_leaves_its_room():
+    """Coordinates that don't change leave all of it, or nothing."""
+    rng = np.random.default_rng(4)
+    unseen, base, room = rng.uniform(-1, 1, (60, 3)), rng.uniform(-0.4, 0.4, (60, 3)), rng.uniform(0.2, 0.6, (60, 3))
+    unseen[::2, 1] = 0.0
+    low, high = _shares(base, unseen, room)
+    s = np.linspace(-4, 4, 8001)
+    within = (np.abs(s[:, None, None] * unseen - base) <= room).all(axis=2)
+    is_any = within.any(axis=0)
+    assert (low <= high)[is_any].all()
+    assert s[within.argmax(axis=0)][is_any] == pytest.approx(low[is_any], abs=2e-3)
+    assert s[::-1][within[::-1].argmax(axis=0)][is_any] == pytest.approx(high[is_any], abs=2e-3)
+    assert (high - low < 1e-3)[~is_any].all()
+    assert 10 < is_any[::2].sum() < 30

@@ -1,5 +1,7 @@
 """Streamlines followed on a device against those of the host, which closed forms judge."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -160,3 +162,9 @@ def test_a_few_long_lines_continue_on_the_device(follow, monkeypatch):
         lines, taken = follow(dataset, seeds, **settings)
         check_same(lines, truth)
         assert (taken > 0) == goes_on
+
+
+@pytest.mark.parametrize(("dimension", "states"), [(2, [[1, 2, 4]]), (3, [[1, 2, 3, 4]])])
+def test_states_are_coordinates_and_the_length(dimension, states):
+    found = following.DeviceTracer._states(SimpleNamespace(_dimension=dimension), np.array([[1, 2, 3, 4]]))
+    assert found.tolist() == states
