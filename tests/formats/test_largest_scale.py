@@ -13,7 +13,7 @@ from elvis.core.deforming import moving_maps
 from elvis.core.geometry import geometry
 from elvis.core.polynomials.evaluation import evaluate, evaluate_with_gradients
 from elvis.core.testing import approximated, curved, grid, ripple, scattered
-from elvis.core.validity.largest_scale import _Piece
+from elvis.core.validity.largest_scale import _is_positive, _Piece
 
 SOLIDS = [Shape.TETRAHEDRON, Shape.PYRAMID, Shape.PRISM, Shape.HEXAHEDRON]
 FLAT = [Shape.TRIANGLE, Shape.QUADRILATERAL]
@@ -127,3 +127,11 @@ def test_all_roundings_of_values_are_counted(monkeypatch):
     sizes, errors = np.array([[1.0, 2.0, 4.0, 8.0]]), np.array([[0.5, 0.0, 1.0, 0.0]])
     own = SimpleNamespace(nets=np.zeros((1, 2, 2, 2, 4)), errors=errors, sizes=sizes)
     assert _Piece.error_at(own, 0.5) == [0.5 + 0.25 + 16 * 2.0**-10 * 4.0]
+
+
+def test_polynomials_are_positive_if_all_their_coefficients_in_the_scale_are():
+    """In Bernstein form: (2 t - 1)^2 + c, which is a square for c = 0, next to one without a zero."""
+    for constant, is_positive in ((0.1, True), (0.0, False), (-0.1, False)):
+        parabola = np.array([1.0, -1.0, 1.0]) + constant
+        net = np.stack([np.ones((3, 2)), parabola[:, None] * np.ones(2)], axis=-1)
+        assert _is_positive(net, 1e-6) == is_positive
