@@ -499,6 +499,16 @@ def test_slopes_of_eigenvalues_are_divided_by_the_smallest_trace_of_cofactors(of
     assert (known.slope_error >= exact * (1 - 1e-12)).all()
 
 
+@pytest.mark.parametrize(("first", "is_known"), [(0.0, False), (0.1, True)])
+def test_eigenvalues_need_eigenvectors_along_the_first_axis(first, is_known):
+    """A left one (first, 1, 0) next to a right one (1, 1, 0); of the transposed matrix it is the right one."""
+    bases = np.array([[1.0, 1.0, 0.0], [1.0, -first, 0.0], [0.0, 0.0, 1.0]])
+    matrix = bases @ [[0.5, 0.0, 0.0], [0.0, 1.5, -2.0], [0.0, 2.0, 1.5]] @ np.linalg.inv(bases)
+    for middle in (matrix[None], matrix.T[None]):
+        nothing = MatrixRange(0 * middle, 0 * middle)
+        assert Eigenvalue.of(MatrixRange(middle, 1e-12 + 0 * middle), [nothing] * 3).is_known[0] == is_known
+
+
 #: places along a line, more than the largest degree
 PLACES = (1 + np.cos(np.pi * (np.arange(30) + 0.5) / 30)) / 2
 
