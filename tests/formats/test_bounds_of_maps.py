@@ -570,3 +570,11 @@ def test_roots_at_corners_belong_to_all_cells_that_have_them(beyond):
         assert (np.abs(lower - corners) < 1e-6).all()
         assert (np.abs(upper - corners) < 1e-6).all()
         assert (lower < upper).all()
+
+
+def test_errors_of_both_maps_count_between_them(monkeypatch):
+    monkeypatch.setattr(regularity, "tangents", lambda expansion, own: own)
+    monkeypatch.setattr(regularity, "_controls", lambda own, world: (np.zeros((2, 1)), own))
+    monkeypatch.setattr(regularity, "_pass", lambda controls, error: error)
+    errors = np.array([1.0, 5.0]), np.array([3.0, 2.0])
+    assert regularity.are_regular_between(SimpleNamespace(shape=Shape.TRIANGLE), *errors).tolist() == [3.0, 5.0]
