@@ -1,6 +1,7 @@
 """Meshes whose elements don't match: refined ones with hanging nodes, mortars, parts that are glued by place."""
 
 import itertools
+import tracemalloc
 
 import h5py
 import numpy as np
@@ -13,6 +14,7 @@ from elvis.core.interfaces import hanging
 from elvis.core.interfaces.feet import feet
 from elvis.core.interfaces.interface_composites import with_interfaces
 from elvis.core.mesh import NON_CONFORMING
+from elvis.core.shapes import Shape
 from elvis.plugins.command import elvis as group
 from elvis.plugins.faces.dataset_faces import native_faces
 
@@ -598,8 +600,9 @@ def test_duplicate_elements_are_named(tmp_path):
     assert len(read(write_classic(tmp_path / "pages.e", pages, places)).remarks) == 1
 
 
-def test_sides_of_a_broken_mesh_stay_undecided(monkeypatch):
-    """If all sides may coincide, there is a sentence, and no search at many points of each side."""
+@pytest.mark.parametrize(("count", "is_examined"), [(4, True), (8, False)])
+def test_sides_of_a_broken_mesh_stay_undecided(monkeypatch, count, is_examined):
+    """If all sides may coincide, there is a sentence, and no search at many points, or at any, of each side."""
     counts = []
 
     def counted(sides, which, world):
@@ -608,11 +611,27 @@ def test_sides_of_a_broken_mesh_stay_undecided(monkeypatch):
 
     monkeypatch.setattr(hanging, "feet", counted)
     corners = 2 * UNIT - 1
-    nested = corners * (1 - 0.01 * np.arange(8))[:, None, None]
+    nested = corners * (1 - 0.01 * np.arange(count))[:, None, None]
     fields = {"u": {"hexahedron": nested[..., 0]}}
     dataset = from_arrays({"hexahedron": nested}, fields, reference={"hexahedron": corners})
     counts.clear()
     found = with_interfaces(dataset, dataset.mesh.composites[-1].name, precision=0.05)
-    assert counts[0] > 0
+    assert (sum(counts[:1]) > 0) == is_examined
     assert sum(counts[1:]) == 0
-    assert found.warnings[0].startswith("48 faces may lie on faces of other elements")
+    assert found.warnings[0].startswith(f"{6 * count} faces may lie on faces of other elements")
+
+
+def test_memory_of_tangled_elements_is_in_proportion_to_their_number():
+    """Boxes of almost all pairs of sides overlap."""
+    random = np.random.default_rng(3)
+    reference = {"tetrahedron": Shape.TETRAHEDRON.vertices}
+    peaks = []
+    for count in (150, 450):
+        corners = random.random((count, 4, 3))
+        dataset = from_arrays({"tetrahedron": corners}, {"u": {"tetrahedron": corners[..., 0]}}, reference=reference)
+        tracemalloc.start()
+        found = with_interfaces(dataset, dataset.mesh.composites[-1].name, precision=1e-16)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+        assert found.warnings[0].startswith(f"{4 * count} faces may lie on faces of other elements")
+    assert peaks[1] < 3 * peaks[0]

@@ -5,6 +5,7 @@ Axis convention, everywhere: points are ``(n, d)``, values ``(n,)``, modes ``(n,
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -95,12 +96,17 @@ def groups(keys: NDArray[Any]) -> tuple[Ints, Ints]:
     order = np.argsort(keys)
     is_new = np.ones(len(keys), bool)
     ordered = keys[order]
+    # keys that only the caller's expression held are freed, as are other arrays of this size as early as possible
+    del keys
     np.not_equal(ordered[1:], ordered[:-1], out=is_new[1:])
     del ordered
     starts = np.flatnonzero(is_new)
     first = np.minimum.reduceat(order, starts) if len(starts) else starts
-    which = np.empty(len(keys), np.int64)
-    which[order] = np.cumsum(is_new) - 1
+    del starts
+    numbers = np.cumsum(is_new)
+    numbers -= 1
+    which = np.empty(len(order), np.int64)
+    which[order] = numbers
     return first, which
 
 
@@ -131,15 +137,66 @@ def distinct_rows(rows: Ints) -> tuple[Ints, Ints]:
     return groups(_row_keys(rows))
 
 
+def distinct_sides(views: Sequence[tuple[Ints, Sequence[int]]]) -> tuple[Ints, Ints]:
+    """`distinct_rows` of the sides of elements, view after view, without an array of all of them.
+
+    views  (n, v) numbers of the vertices of elements, and the columns of one side, as many in each view
+    """
+    return groups(_side_keys(views))
+
+
+def rows_of_sides(views: Sequence[tuple[Ints, Sequence[int]]], chosen: Ints) -> Ints:
+    """(m, k) numbers of the vertices of the sides ``chosen`` (m,) of `distinct_sides`."""
+    found = np.empty((len(chosen), len(views[0][1])), np.int64)
+    start = 0
+    for table, columns in views:
+        here = np.flatnonzero((chosen >= start) & (chosen < start + len(table)))
+        rows = chosen[here] - start
+        for place, column in enumerate(columns):
+            found[here, place] = table[rows, column]
+        start += len(table)
+    return found
+
+
+def _side_keys(views: Sequence[tuple[Ints, Sequence[int]]]) -> NDArray[np.uint64]:
+    """`_row_keys` of sides."""
+    base = 1 + max((int(table.max(initial=0)) for table, _ in views), default=0)
+    width = len(views[0][1]) if views else 1
+    if base**width >= 1 << 64:
+        return _row_keys(np.concatenate([table[:, list(columns)] for table, columns in views]))
+    keys = np.empty(sum(len(table) for table, _ in views), np.uint64)
+    start = 0
+    for table, columns in views:
+        for first in range(0, len(table), _ROWS_AT_ONCE):
+            part = table[first : first + _ROWS_AT_ONCE, list(columns)]
+            keys[start : start + len(part)] = _packed(sorted_columns(part.T), base)
+            start += len(part)
+    return keys
+
+
+#: rows whose numbers are put in order together
+_ROWS_AT_ONCE = 1 << 16
+
+
+def _packed(columns: Ints, base: int) -> NDArray[np.uint64]:
+    """(n,) numbers with the digits ``columns`` (k, n) to a base."""
+    keys: NDArray[np.uint64] = columns[0].astype(np.uint64)
+    for column in columns[1:]:
+        keys *= np.uint64(base)
+        keys += column.view(np.uint64)
+    return keys
+
+
 def _row_keys(rows: Ints) -> NDArray[np.uint64]:
     """(n,) one number for each row: its numbers, ascending, as digits."""
     columns = sorted_columns(rows.T)
     base = int(columns.max(initial=0)) + 1
-    is_narrow = base ** len(columns) < 1 << 64
+    if base ** len(columns) < 1 << 64:
+        return _packed(columns, base)
     keys: NDArray[np.uint64] = columns[0].astype(np.uint64)
     for column in columns[1:]:
-        # if the digits are too many, replace the numbers so far by their rank among all of them
-        keys = keys if is_narrow else groups(keys)[1].astype(np.uint64)
+        # the digits are too many: replace the numbers so far by their rank among all of them
+        keys = groups(keys)[1].astype(np.uint64)
         keys *= np.uint64(base)
         keys += column.view(np.uint64)
     return keys

@@ -123,7 +123,7 @@ class SurfacePatches:
             rest = rest.take(np.flatnonzero(bent)).parts()
         return _join([*done, rest])
 
-    def take(self, rows: Ints) -> SurfacePatches:
+    def take(self, rows: Ints | slice) -> SurfacePatches:
         """Some of the patches."""
         return SurfacePatches(self.corners, self.coefficients[rows], self.face[rows], self.outer[rows])
 

@@ -9,14 +9,16 @@ nothing: the integrals of n and of x . n over all sides that touch one another a
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.interfaces.feet import feet
-from elvis.core.interfaces.side_groups import COLLAPSED, SideSet
-from elvis.core.mapping.boxes import BoxTree, outward
+from elvis.core.interfaces.side_groups import COLLAPSED, SideGroup, SideSet
+from elvis.core.mapping.boxes import Boxes, BoxTree, meet, outward
+from elvis.core.mapping.orientation import chunks
 from elvis.core.polynomials.quadrature import gauss
 
 #: distance, relative to the box of all sides, up to which a point lies on a side
@@ -31,6 +33,15 @@ OPPOSITE = -0.9
 FACING = 0.5
 #: sides with whose boxes a point of a side is compared at most, in the mean
 MOST_OTHERS = 16
+#: the same number from which on a side is not examined at all: it may lie on any of them
+HOPELESS = 32
+#: points of sides that are compared with others together, and pairs of a point and a node of the tree
+POINTS_AT_ONCE = 1 << 13
+NODES_AT_ONCE = 1 << 16
+#: pairs of a point and a side whose distance is determined together
+PAIRS_AT_ONCE = 1 << 14
+#: sides whose integrals are taken together
+SIDES_AT_ONCE = 1 << 12
 #: part of the area that sides which touch one another may enclose, or leave open
 OPEN = 1e-9
 
@@ -51,23 +62,25 @@ class Hanging:
 
 @dataclass(frozen=True, eq=False)
 class _Contacts:
-    """Points of sides that lie on or near other sides.
+    """Pairs of sides, the first of which has points that lie on or near the second.
 
-    side, point  (n,) the side, and the number of its point
-    other        (n,) the side that it lies on
-    distance     (n,)
-    is_on        (n,) whether it lies on the other side; else near it
+    side      (n,)
+    other     (n,) the side that it touches
+    distance  (n,) the largest one of these points
     """
 
     side: Ints
-    point: Ints
     other: Ints
     distance: Floats
-    is_on: Bools
 
-    def joined(self, other: _Contacts) -> _Contacts:
-        """Both together."""
-        return _Contacts(*(np.concatenate([getattr(each, own.name) for each in (self, other)]) for own in fields(self)))
+    @staticmethod
+    def joined(parts: list[_Contacts]) -> _Contacts:
+        """All of them, one after another."""
+        side, other = (np.concatenate([np.empty(0, np.int64), *(getattr(e, n) for e in parts)]) for n in _PAIR)
+        return _Contacts(side, other, np.concatenate([np.empty(0), *(each.distance for each in parts)]))
+
+
+_PAIR = ("side", "other")
 
 
 def hanging(sides: SideSet, named: Bools, is_oriented: bool, precision: float) -> Hanging:
@@ -91,39 +104,24 @@ def hanging(sides: SideSet, named: Bools, is_oriented: bool, precision: float) -
 
     # then at as many as decide: on the sides that were met, and where these leave something open, on all
     count = 2 * sides.degree + 3
-    found, _, sure = search.contacts(likely, count, np.stack([probes.side, probes.other], axis=1))
+    found, _, sure = search.contacts(likely, count, probes)
     rest = likely[~sure[likely]]
     further, _, are_covered = search.contacts(rest, count)
-    found, sure = found.joined(further), sure | are_covered
+    found, sure = _Contacts.joined([found, further]), sure | are_covered
     undecided = touched & ~sure
     undecided |= search.are_open(found, sure, undecided)
     gap = probes.distance[undecided[probes.side]].max(initial=0.0)
     return Hanging(sides.entity[sure | collapsed], sides.entity[undecided], float(gap))
 
 
-def _tally(found: _Contacts, sampled: Ints, count: int, sides: Ints) -> tuple[Bools, Bools]:
-    """(count,) whether any point of a side touches another, and whether all points lie on others.
-
-    sampled  (p,) the place of each point's side among ``sides`` (k,)
-    """
-    touched = np.zeros(count, bool)
-    touched[found.side] = True
-    hits = np.zeros(len(sampled), bool)
-    hits[found.point[found.is_on]] = True
-    misses = np.bincount(sides[sampled[~hits]], minlength=count)
-    covered = np.zeros(count, bool)
-    covered[sides] = misses[sides] == 0
-    return touched, covered
-
-
 def _are_collapsed(sides: SideSet) -> Bools:
     """(n,) whether sides have no area, or no length."""
     every = np.arange(len(sides))
-    which, points = sides.samples(every, 0)
-    factors = sides.factors(points, which)
     greatest = np.zeros(len(sides))
-    np.maximum.at(greatest, which, factors)
-    box = sides.boxes()
+    for part in chunks(len(sides), POINTS_AT_ONCE):
+        which, points = sides.samples(every[part], 0)
+        np.maximum.at(greatest[part], which, sides.factors(points, every[part][which]))
+    box = sides.boxes
     scale = float(np.ptp(np.concatenate([box[:, :3], box[:, 3:]]), axis=0).max(initial=0.0)) if len(sides) else 0.0
     sizes = np.linalg.norm(box[:, 3:] - box[:, :3], axis=1)
     flat = np.array([group.corners > 2 for group in sides.groups], bool)[sides.group]
@@ -136,12 +134,13 @@ class _Search:
     candidates  (n,) the sides that may be partners
     is_crowded  (n,) whether `contacts` has found a side among so many others that it stays undecided: the boxes of
                 broken meshes all overlap
+    Sides are compared some at a time, so that memory doesn't grow with the pairs of sides whose boxes overlap.
     """
 
     def __init__(self, sides: SideSet, candidates: Ints, named: Bools, is_oriented: bool, precision: float) -> None:
         self.sides, self.named, self.is_oriented = sides, named, is_oriented
         self._candidates = candidates
-        box = sides.boxes()[candidates]
+        box = sides.boxes[candidates]
         low, high = box[:, :3], box[:, 3:]
         magnitude = float(np.abs(box).max(initial=0.0))
         scale = float(np.linalg.norm(np.ptp(box.reshape(-1, 3), axis=0))) if len(box) else 0.0
@@ -151,14 +150,31 @@ class _Search:
         extra = NEAR * self._size[candidates, None] + self._rounding
         self._low, self._high = low - extra, high + extra
         self._tree = BoxTree.build(outward(self._low, self._high, 0.0))
-        centres = np.zeros((len(sides), 2))
-        self._normals = sides.normals(centres, np.arange(len(sides)))[0]
+        self._normals = np.empty((len(sides), 3))
+        for part in chunks(len(sides), POINTS_AT_ONCE):
+            own = np.arange(part.start, part.stop)
+            self._normals[part] = sides.normals(np.zeros((len(own), 2)), own)[0]
         self.is_crowded = np.zeros(len(sides), bool)
 
     def possible(self) -> Ints:
         """Ascending sides whose boxes meet the box of another side that faces them."""
-        side, other = (self._candidates[own] for own in self._tree.overlaps(self._low, self._high))
-        return np.unique(side[(side != other) & self._may_face(side, other)])
+        found = np.zeros(len(self.sides), bool)
+        for part in chunks(len(self._candidates), POINTS_AT_ONCE):
+            found[self._candidates[part]] = self._are_met(part)
+        return np.flatnonzero(found)
+
+    def _are_met(self, part: slice) -> Bools:
+        """(k,) which of the candidates of a part are possible; one that is met is compared with no further sides."""
+        own, low, high = self._candidates[part], self._low[part], self._high[part]
+        is_met = np.zeros(len(own), bool)
+
+        def meets(boxes: Boxes, rows: Ints, which: Ints) -> Bools:
+            return meet(low, high, boxes, rows, which) & ~is_met[which]
+
+        for which, place in self._tree.batches(len(own), meets, NODES_AT_ONCE, by_node=True):
+            side, other = own[which], self._candidates[place]
+            is_met[which[(side != other) & self._may_face(side, other)]] = True
+        return is_met
 
     def _may_face(self, side: Ints, other: Ints) -> Bools:
         """(n,) whether elements may lie on opposite sides of two sides, judged at the centres of these."""
@@ -166,53 +182,101 @@ class _Search:
             return np.ones(len(side), bool)
         return np.asarray(np.einsum("ni,ni->n", self._normals[side], self._normals[other]) < FACING)
 
-    def contacts(self, chosen: Ints, count: int, pairs: Ints | None = None) -> tuple[_Contacts, Bools, Bools]:
-        """Contacts of points of the sides ``chosen`` (k,) that lie on or near others.
-
-        The other results are as in `_tally`.
+    def contacts(self, chosen: Ints, count: int, known: _Contacts | None = None) -> tuple[_Contacts, Bools, Bools]:
+        """Contacts of the sides ``chosen`` (k,), ascending; which sides (n,) touch others, or are hopeless; and which
+        have all points on others.
 
         count  as in `SideSet.samples`
-        pairs  (m, 2) sides and others that may be touched; None for all
+        known  pairs of sides that may touch; None for all
         """
+        touched, covered = np.zeros((2, len(self.sides)), bool)
+        codes = None if known is None else np.unique(self._code(known.side, known.other))
+        found = []
+        for own in self._shares(chosen, count):
+            part, touched[own], covered[own] = self._contacts(own, count, codes)
+            found.append(part)
+        return _Contacts.joined(found), touched, covered
+
+    def _shares(self, chosen: Ints, count: int) -> Iterator[Ints]:
+        """The sides ``chosen`` (k,), as many at a time as have `POINTS_AT_ONCE` points."""
+        most = max(1, count * count, 5)
+        for part in chunks(len(chosen), max(1, POINTS_AT_ONCE // most)):
+            yield chosen[part]
+
+    def _contacts(self, chosen: Ints, count: int, codes: Ints | None) -> tuple[_Contacts, Bools, Bools]:
+        """`contacts` of some sides; the other results are (k,)."""
         which, points = self.sides.samples(chosen, count)
         side = chosen[which]
         world = self.sides.at(points, side)
-        point, other = self._candidate_pairs(which, chosen, world, pairs, is_limited=count > 0)
+        point, other, is_hopeless = self._candidate_pairs(which, chosen, world, codes, is_limited=count > 0)
 
-        nearest = feet(self.sides, other, world[point])
-        size = np.minimum(self._size[side[point]], self._size[other])
+        touched = is_hopeless
+        is_hit = np.zeros(len(world), bool)
+        found = []
+        for part in chunks(len(point), PAIRS_AT_ONCE):
+            here = point[part]
+            kept, distance, is_on = self._touching(side[here], points[here], world[here], other[part])
+            # a side touches others if one of its points does, and is covered if all do
+            touched[which[here[kept]]] = True
+            is_hit[here[kept[is_on]]] = True
+            found.append(self._pairs(side[here[kept]], other[part][kept], distance))
+        misses = np.bincount(which[~is_hit], minlength=len(chosen))
+        return _Contacts.joined(found), touched, misses == 0
+
+    def _touching(self, side: Ints, points: Floats, world: Floats, other: Ints) -> tuple[Ints, Floats, Bools]:
+        """Which (k,) points ``world`` (n, 3) touch the sides ``other`` (n,); distances; whether they are on them.
+
+        points  (n, 2) the coordinates of the points on their ``side`` (n,)
+        """
+        nearest = feet(self.sides, other, world)
+        size = np.minimum(self._size[side], self._size[other])
         is_on = nearest.inside & (nearest.distance <= self._rounding)
         near = nearest.inside & (nearest.distance <= NEAR * size)
-        near &= ~self.named[side[point]] & ~self.named[other]
+        near &= ~self.named[side] & ~self.named[other]
         # at a sharp corner two sides of one element are near each other
-        near &= self.sides.element[side[point]] != self.sides.element[other]
+        near &= self.sides.element[side] != self.sides.element[other]
         kept = np.flatnonzero(is_on | near)
-        kept = kept[self._are_facing(points[point[kept]], side[point[kept]], nearest.points[kept], other[kept])]
-        kept = kept[self._joined(side[point[kept]], other[kept], is_on[kept])]
-        found = _Contacts(side[point[kept]], point[kept], other[kept], nearest.distance[kept], is_on[kept])
-        return found, *_tally(found, which, len(self.sides), chosen)
+        kept = kept[self._are_facing(points[kept], side[kept], nearest.points[kept], other[kept])]
+        kept = kept[self._joined(side[kept], other[kept], is_on[kept])]
+        return kept, nearest.distance[kept], is_on[kept]
+
+    def _pairs(self, side: Ints, other: Ints, distance: Floats) -> _Contacts:
+        """Distinct pairs of sides, with the largest of their distances."""
+        _, first, which = np.unique(self._code(side, other), return_index=True, return_inverse=True)
+        largest = np.zeros(len(first))
+        np.maximum.at(largest, which, distance)
+        return _Contacts(side[first], other[first], largest)
 
     def _candidate_pairs(
-        self, which: Ints, chosen: Ints, world: Floats, pairs: Ints | None, is_limited: bool
-    ) -> tuple[Ints, Ints]:
-        """Numbers of points ``world`` (p, 3), and the other sides in whose boxes they are.
+        self, which: Ints, chosen: Ints, world: Floats, codes: Ints | None, is_limited: bool
+    ) -> tuple[Ints, Ints, Bools]:
+        """Numbers of points ``world`` (p, 3), the other sides in whose boxes they are; and the hopeless sides (k,).
 
         which       (p,) the place of each point's side among ``chosen`` (k,)
-        pairs       as in `contacts`
+        codes       of the pairs of sides that may touch, ascending; None for all
         is_limited  whether sides with very many others are skipped
         """
-        side = chosen[which]
-        point, other = self._tree.candidates(world)
-        other = self._candidates[other]
-        possible = (side[point] != other) & self._may_face(side[point], other)
-        if pairs is not None:
-            possible &= np.isin(self._code(side[point], other), self._code(*pairs.T))
-        pairs_of_sides = np.bincount(which[point[possible]], minlength=len(chosen))
-        is_crowded = pairs_of_sides > MOST_OTHERS * np.bincount(which, minlength=len(chosen))
+        samples = np.bincount(which, minlength=len(chosen))
+        counts = np.zeros(len(chosen), np.int64)
+
+        def meets(boxes: Boxes, rows: Ints, point: Ints) -> Bools:
+            own = which[point]
+            return meet(world, world, boxes, rows, point) & (counts[own] <= HOPELESS * samples[own])
+
+        points, others = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
+        for point, place in self._tree.batches(len(world), meets, NODES_AT_ONCE, by_node=True):
+            side, other = chosen[which[point]], self._candidates[place]
+            possible = (side != other) & self._may_face(side, other)
+            if codes is not None:
+                possible &= _are_among(codes, self._code(side, other))
+            points.append(point[possible])
+            others.append(other[possible])
+            counts += np.bincount(which[point[possible]], minlength=len(chosen))
+        point, other = np.concatenate(points), np.concatenate(others)
+        is_crowded, is_hopeless = counts > MOST_OTHERS * samples, counts > HOPELESS * samples
         self.is_crowded[chosen] |= is_crowded
-        if is_limited:
-            possible &= ~is_crowded[which[point]]
-        return point[possible], other[possible]
+        examined = ~(is_crowded if is_limited else is_hopeless)[which[point]]
+        return point[examined], other[examined], is_hopeless
 
     def _code(self, side: Ints, other: Ints) -> Ints:
         """(n,) a number for each pair of sides."""
@@ -227,14 +291,14 @@ class _Search:
 
     def _joined(self, side: Ints, other: Ints, is_on: Bools) -> Bools:
         """(n,) whether pairs of sides count: faces of a slit don't, and near ones only if corners are also near."""
-        pairs, which = np.unique(np.stack([side, other], axis=1), axis=0, return_inverse=True)
+        _, first, which = np.unique(self._code(side, other), return_index=True, return_inverse=True)
+        pairs = np.stack([side[first], other[first]], axis=1)
         both_named = self.named[pairs].all(axis=1)
         one, two = self.sides.corners(pairs[:, 0]), self.sides.corners(pairs[:, 1])
         apart = np.linalg.norm(one[:, :, None] - two[:, None], axis=3)
         is_equal = (apart.min(axis=2).max(axis=1) <= self._rounding) & (apart.min(axis=1).max(axis=1) <= self._rounding)
         is_slit = both_named & is_equal
         touches = apart.min(axis=(1, 2)) <= self._rounding
-        which = which.reshape(-1)
         return np.asarray(~is_slit[which] & (is_on | touches[which]))
 
     def are_open(self, found: _Contacts, sure: Bools, undecided: Bools) -> Bools:
@@ -265,16 +329,30 @@ def fluxes(sides: SideSet, chosen: Ints) -> tuple[Floats, Floats]:
     """(k,) areas of the sides ``chosen`` (k,), and (k, 4) the integrals of the normal n over them, and of x . n."""
     area, flux = np.zeros(len(chosen)), np.zeros((len(chosen), 4))
     for group, here in sides.parted(chosen):
-        points, weights = _rule(group.corners, 2 * group.degree + 1)
-        rows = np.repeat(sides.row[chosen[here]], len(points))
-        many = np.tile(points, (len(here), 1))
-        normals, factors = group.normals(many, rows)
-        places = group.patches.at(many, rows)
-        parts = np.column_stack([normals, np.einsum("ni,ni->n", places, normals), np.ones(len(rows))])
-        parts *= (factors * np.tile(weights, len(here)))[:, None]
-        sums = parts.reshape(len(here), len(points), 5).sum(axis=1)
-        flux[here], area[here] = sums[:, :4], sums[:, 4]
+        for part in chunks(len(here), SIDES_AT_ONCE):
+            sums = _integrals(group, sides.row[chosen[here[part]]])
+            flux[here[part]], area[here[part]] = sums[:, :4], sums[:, 4]
     return area, flux
+
+
+def _integrals(group: SideGroup, sides: Ints) -> Floats:
+    """(k, 5) the integrals of the normal, of x . n and of 1 over the sides (k,) of a group."""
+    points, weights = _rule(group.corners, 2 * group.degree + 1)
+    rows = np.repeat(sides, len(points))
+    many = np.tile(points, (len(sides), 1))
+    normals, factors = group.normals(many, rows)
+    places = group.patches.at(many, rows)
+    parts = np.column_stack([normals, np.einsum("ni,ni->n", places, normals), np.ones(len(rows))])
+    parts *= (factors * np.tile(weights, len(sides)))[:, None]
+    return np.asarray(parts.reshape(len(sides), len(points), 5).sum(axis=1))
+
+
+def _are_among(ascending: Ints, numbers: Ints) -> Bools:
+    """(n,) which of numbers are among ascending ones."""
+    if not len(ascending):
+        return np.zeros(len(numbers), bool)
+    place = np.minimum(np.searchsorted(ascending, numbers), len(ascending) - 1)
+    return np.asarray(ascending[place] == numbers)
 
 
 def _rule(corners: int, count: int) -> tuple[Floats, Floats]:
@@ -293,12 +371,11 @@ def _rule(corners: int, count: int) -> tuple[Floats, Floats]:
 def _components(first: Ints, second: Ints, count: int) -> Ints:
     """(count,) the smallest number of each set that pairs connect."""
     label = np.arange(count)
-    pairs = np.unique(np.stack([first, second], axis=1), axis=0)
     while True:
-        least = np.minimum(label[pairs[:, 0]], label[pairs[:, 1]])
+        least = np.minimum(label[first], label[second])
         before = label.copy()
-        np.minimum.at(label, pairs[:, 0], least)
-        np.minimum.at(label, pairs[:, 1], least)
+        np.minimum.at(label, first, least)
+        np.minimum.at(label, second, least)
         label = label[label]
         if np.array_equal(before, label):
             return label

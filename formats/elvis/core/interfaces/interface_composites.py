@@ -117,7 +117,9 @@ def _warning(mesh: Mesh, count: int, gap: float) -> str:
     """A message about sides that could not be classified as inner ones."""
     kind = "edge" if mesh.dimension == 2 else "face"
     many = f"{count} {kind}{'s' if count > 1 else ''}"
+    # if elements are tangled, distances are not determined
+    distance = f", in part or within {gap:.2g}" if gap else ""
     return (
-        f"{many} may lie on {kind}s of other elements, in part or within {gap:.2g}: they count as outer boundary, so "
-        "integrals over it, distances and streamlines may be wrong there"
+        f"{many} may lie on {kind}s of other elements{distance}: they count as outer boundary, so integrals over it, "
+        "distances and streamlines may be wrong there"
     )

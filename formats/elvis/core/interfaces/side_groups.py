@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from elvis.core.distances.boundaries import side_coefficients, sides_of
 from elvis.core.distances.surface_patches import CORNERS, WHOLE, SurfacePatches
 from elvis.core.geometry import Assembly, GeometryBlock, mapping
 from elvis.core.mapping.orientation import chunks
-from elvis.core.polynomials.expansion import values_and_gradients
+from elvis.core.polynomials.expansion import mode_count, values_and_gradients
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.shapes import Shape
 
@@ -25,22 +26,24 @@ TOWARDS_CORNERS = 0.7
 BORDER = 1e-8
 #: values of modes whose gradients are evaluated together
 GRADIENTS = 1 << 18
+#: sides whose boxes are found together
+SIDES = 1 << 12
 
 
 @dataclass(frozen=True, eq=False)
 class SideGroup:
     """The corresponding side of elements that share an expansion.
 
-    expansion     of the map
-    coefficients  (n, 3, m) of the map of each element
-    local         the element's vertices around the side
-    entity        (n,) rows of the sides in the mesh
-    element       (n,) ids of the elements
-    patches       the sides as polynomials on the domains of `surface_patches`
+    block    the maps of elements, some of which have the sides
+    rows     (n,) the element of each side among those of the block
+    local    the element's vertices around the side
+    entity   (n,) rows of the sides in the mesh
+    element  (n,) ids of the elements
+    patches  the sides as polynomials on the domains of `surface_patches`
     """
 
-    expansion: Expansion
-    coefficients: Floats
+    block: GeometryBlock | Assembly
+    rows: Ints
     local: tuple[int, ...]
     entity: Ints
     element: Ints
@@ -48,6 +51,11 @@ class SideGroup:
 
     def __len__(self) -> int:
         return len(self.entity)
+
+    @property
+    def expansion(self) -> Expansion:
+        """Of the map."""
+        return self.block.expansion
 
     @property
     def corners(self) -> int:
@@ -91,7 +99,8 @@ class SideGroup:
             images = images + (1 + points[:, 1:]) / 2 * (last_corner - origin)
         direction = vertices.mean(axis=0) - vertices[list(self.local)].mean(axis=0)
         gradients = values_and_gradients(self.expansion, images)[1]
-        found = np.einsum("ncm,ndm,d->nc", self.coefficients[rows], gradients, direction, optimize=True)
+        maps = self.block.take(self.rows[rows])
+        found = np.einsum("ncm,ndm,d->nc", maps, gradients, direction, optimize=True)
         return np.asarray(found)
 
 
@@ -135,7 +144,7 @@ class SideSet:
         """(k, 3) normals into the element at points (k, 2) of ``sides`` (k,), and (k,) area factors."""
         found, factors = np.empty((len(sides), 3)), np.empty(len(sides))
         for group, here in self.parted(sides):
-            for part in chunks(len(here), max(1, GRADIENTS // group.coefficients.shape[2])):
+            for part in chunks(len(here), max(1, GRADIENTS // mode_count(group.expansion))):
                 own = here[part]
                 found[own], factors[own] = group.normals(points[own], self.row[sides[own]])
         return found, factors
@@ -147,9 +156,13 @@ class SideSet:
             found[here] = group.factors(points[here], self.row[sides[here]])
         return found
 
+    @cached_property
     def boxes(self) -> Floats:
         """(n, 6) low and high corners of boxes that hold the sides."""
-        return np.concatenate([np.empty((0, 6)), *(group.patches.boxes for group in self.groups)])
+        found = [np.empty((0, 6))]
+        for group in self.groups:
+            found += [group.patches.take(part).boxes for part in chunks(len(group), SIDES)]
+        return np.concatenate(found)
 
     def corners(self, sides: Ints) -> Floats:
         """(k, 4, 3) corners of ``sides`` (k,); the last one is repeated where a side has fewer."""
@@ -200,11 +213,10 @@ def _groups_of(dataset: Dataset, block: GeometryBlock | Assembly, wanted: Bools)
             continue
         entity = members[rows, number]
         wanted[entity] = False
-        coefficients = block.take(rows)
-        faces = side_coefficients(block.expansion, coefficients, local)
+        faces = side_coefficients(block.expansion, block.take(rows), local)
         count = np.arange(len(rows))
         patches = SurfacePatches(len(local), faces, count, np.full(len(rows), WHOLE[len(local)]))
-        yield SideGroup(block.expansion, coefficients, local, entity, block.element_ids[rows], patches)
+        yield SideGroup(block, rows, local, entity, block.element_ids[rows], patches)
 
 
 def lattice(corners: int, count: int) -> Floats:

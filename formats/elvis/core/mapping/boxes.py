@@ -139,19 +139,24 @@ class BoxTree:
 
     def overlaps(self, low: Floats, high: Floats) -> tuple[Ints, Ints]:
         """All pairs of a box with corners (n, 3) and an element whose box it meets, as `candidates` of points."""
-        return _sorted_pairs(self.batches(len(low), partial(_meet, low, high)))
+        return _sorted_pairs(self.batches(len(low), partial(meet, low, high)))
 
     def candidate_batches(self, points: Floats, size: int = 1 << 18) -> Iterator[tuple[Ints, Ints]]:
         """The pairs of `candidates` in no order; at most ``size`` pairs of points and nodes are examined together."""
-        return self.batches(len(points), partial(_meet, points, points), size)
+        return self.batches(len(points), partial(meet, points, points), size)
 
     def ray_batches(self, points: Floats, way: Floats, size: int = 1 << 18) -> Iterator[tuple[Ints, Ints]]:
         """The pairs of a ray from a point (n, 3), all of one direction (3,), and an element whose box it meets, in no
         order."""
         return self.batches(len(points), partial(_ray_meets, points, way), size)
 
-    def batches(self, count: int, meets: Meets, size: int = 1 << 18) -> Iterator[tuple[Ints, Ints]]:
-        """The pairs of one of ``count`` things and an element whose box it meets: of each thing in the tree's order."""
+    def batches(
+        self, count: int, meets: Meets, size: int = 1 << 18, by_node: bool = False
+    ) -> Iterator[tuple[Ints, Ints]]:
+        """The pairs of one of ``count`` things and an element whose box it meets: of each thing in the tree's order.
+
+        by_node  whether a batch has many things and few elements, so that ``meets`` can stop things that met enough
+        """
         depth = self.leaves.bit_length() - 1
         stack = _split(0, np.arange(count), np.zeros(count, np.int64), size)
         while stack:
@@ -161,8 +166,11 @@ class BoxTree:
             if level == depth:
                 yield self._in_leaves(meets, point, node)
             elif len(point):
-                children = 2 * node[:, None] + np.array([1, 2])
-                stack += _split(level + 1, np.repeat(point, 2), children.reshape(-1), size)
+                children = 2 * node + np.array([[1], [2]])
+                points = np.tile(point, (2, 1))
+                if not by_node:
+                    points, children = points.T, children.T
+                stack += _split(level + 1, points.reshape(-1), children.reshape(-1), size)
 
     def _in_leaves(self, meets: Meets, point: Ints, node: Ints) -> tuple[Ints, Ints]:
         slots = (node[:, None] - (self.leaves - 1)) * self.leaf + np.arange(self.leaf)
@@ -186,7 +194,7 @@ def _split(level: int, point: Ints, node: Ints, size: int) -> list[tuple[int, In
     return [(level, point[part], node[part]) for part in chunks(len(point), size)][::-1]
 
 
-def _meet(low: Floats, high: Floats, boxes: Boxes, rows: Ints, which: Ints) -> Bools:
+def meet(low: Floats, high: Floats, boxes: Boxes, rows: Ints, which: Ints) -> Bools:
     """(k,) whether box ``rows`` (k,) meets that number ``which`` (k,) of those with corners (n, 3)."""
     box, least, greatest = boxes[rows].T, low[which].T, high[which].T
     sides: list[Bools] = [(box[axis] <= greatest[axis]) & (least[axis] <= box[axis + 3]) for axis in range(3)]

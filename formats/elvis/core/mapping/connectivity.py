@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, distinct_rows, frozen_floats, frozen_ints
+from elvis.core.arrays import Floats, Ints, distinct_sides, frozen_floats, frozen_ints, rows_of_sides
 from elvis.core.mapping.orientation import face_shape
 from elvis.core.mesh import Composite, Entities, Mesh
 from elvis.core.shapes import Shape
@@ -77,16 +77,17 @@ def _from_solids(elements: Mapping[Shape, Ints]) -> tuple[dict[Shape, Entities],
         ]
         if not sides:
             continue
-        stacked = np.concatenate([elements[shape][:, list(face)] for shape, _, face in sides])
-        first, which = distinct_rows(stacked)
-        faces[kind] = stacked[first]
+        views = [(elements[shape], face) for shape, _, face in sides]
+        first, which = distinct_sides(views)
+        faces[kind] = rows_of_sides(views, first)
 
         # faces of one element lie on the boundary
         uses = np.bincount(which)
         outer.append(offset + np.flatnonzero(uses == 1))
-        numbers = _split(offset + which, [len(elements[shape]) for shape, _, _ in sides])
+        numbers = _split(which, [len(elements[shape]) for shape, _, _ in sides])
         for (shape, i, _), own in zip(sides, numbers, strict=True):
-            faces_of[shape][:, i] = own
+            np.add(own, offset, out=faces_of[shape][:, i])
+        del which, numbers
         offset += len(first)
 
     entities, _ = _from_polygons(faces)
@@ -113,21 +114,18 @@ _SKELETONS = {1: _from_segments, 2: _from_polygons, 3: _from_solids}
 
 def _edges(polygons: Mapping[Shape, Ints]) -> tuple[Ints, dict[Shape, Ints], Ints]:
     """Distinct edges (n, 2) from lower to higher vertex, the edges of each polygon, and how many polygons use each."""
-    ends = []
-    for rows in polygons.values():
-        following = np.roll(rows, -1, axis=1)
-        ends.append(np.stack([rows, following], axis=2).reshape(-1, 2))
-    counts = [len(rows) for rows in ends]
-    stacked = np.concatenate(ends)
-    del ends
-    stacked.sort(axis=1)
-    first, which = distinct_rows(stacked)
+    sides = [(shape, i) for shape, rows in polygons.items() for i in range(rows.shape[1])]
+    views = [(polygons[shape], (i, (i + 1) % polygons[shape].shape[1])) for shape, i in sides]
+    first, which = distinct_sides(views)
+    edges = rows_of_sides(views, first)
+    edges.sort(axis=1)
+    del first
 
-    numbers = _split(which, counts)
-    edges_of = {}
-    for (shape, rows), own in zip(polygons.items(), numbers, strict=True):
-        edges_of[shape] = own.reshape(rows.shape)
-    return stacked[first], edges_of, np.bincount(which)
+    edges_of = {shape: np.empty(rows.shape, np.int64) for shape, rows in polygons.items()}
+    numbers = _split(which, [len(polygons[shape]) for shape, _ in sides])
+    for (shape, i), own in zip(sides, numbers, strict=True):
+        edges_of[shape][:, i] = own
+    return edges, edges_of, np.bincount(which)
 
 
 def _split(rows: Ints, lengths: list[int]) -> list[Ints]:

@@ -9,7 +9,7 @@ from itertools import count
 
 import numpy as np
 
-from elvis.core.arrays import Ints, distinct_rows, frozen_ints
+from elvis.core.arrays import Ints, distinct_sides, frozen_ints
 from elvis.core.mesh import PERIODIC, Composite, Mesh
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import Boundary, Converter
@@ -172,7 +172,7 @@ def _outer_sides(blocks: Sequence[NativeBlock], vertices: Sequence[Ints]) -> Ite
             by_corners.setdefault(len(local), []).append((i, side, local))
 
     for views in by_corners.values():
-        _, which = distinct_rows(np.concatenate([vertices[i][:, list(local)] for i, _, local in views]))
+        _, which = distinct_sides([(vertices[i], local) for i, _, local in views])
         is_single = (np.bincount(which) == 1)[which]
         ends = np.cumsum([len(vertices[i]) for i, _, _ in views])[:-1]
         for (i, side, _), part in zip(views, np.split(is_single, ends), strict=True):

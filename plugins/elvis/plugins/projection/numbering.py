@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Ints, distinct_rows
+from elvis.core.arrays import Bools, Ints, distinct_sides
 from elvis.core.shapes import Shape
 from elvis.plugins.projection.frames import orders
 from elvis.plugins.projection.vertices import connected_labels
@@ -97,22 +97,31 @@ def conflicting_elements(blocks: Sequence[Corners], rank: Ints) -> list[Bools]:
     """
     marks = [np.zeros(len(block.vertices), bool) for block in blocks]
     views = [(i, rows) for i, b in enumerate(blocks) if b.shape.dimension == 3 for rows in TRIANGLES[b.shape]]
-    faces = [rank[blocks[i].vertices[:, list(face)]] for i, face in views]
-    if not faces:
+    ranked = [rank[block.vertices] for block in blocks]
+    is_low = [_is_below_highest(ranked[i], face) for i, face in views]
+    if not any(own.any() for own in is_low):
         return marks
-    stacked = np.concatenate(faces)
-    first, triangle = distinct_rows(stacked)
+    first, triangle = distinct_sides([(ranked[i], face) for i, face in views])
 
     # a triangle is disputed where the vertices at which it is collapsed are not all one
-    collapsed = stacked[:, 2]
+    collapsed = np.concatenate([ranked[i][:, face[2]] for i, face in views])
     lowest = np.full(len(first), np.iinfo(np.int64).max)
     highest = np.full(len(first), -1)
     np.minimum.at(lowest, triangle, collapsed)
     np.maximum.at(highest, triangle, collapsed)
     is_disputed = lowest < highest
-    is_wrong = is_disputed[triangle] & (collapsed != stacked.max(axis=1))
+    is_wrong = is_disputed[triangle] & np.concatenate(is_low)
 
-    ends = np.cumsum([len(face) for face in faces])[:-1]
+    ends = np.cumsum([len(own) for own in is_low])[:-1]
     for (i, _), part in zip(views, np.split(is_wrong, ends), strict=True):
         marks[i] |= part
     return marks
+
+
+def _is_below_highest(ranked: Ints, face: tuple[int, ...]) -> Bools:
+    """(n,) whether a triangle is collapsed at another vertex than that of the highest rank.
+
+    ranked  (n, n_vertices) ranks of the vertices of elements
+    """
+    first, second, collapsed = (ranked[:, vertex] for vertex in face)
+    return np.asarray((collapsed < first) | (collapsed < second))
