@@ -3,10 +3,13 @@
 import re
 import tracemalloc
 
+import numpy as np
 import pytest
 
 from elvis.converters.mfem_files import named_attributes
+from elvis.core.arrays import distinct_rows, distinct_sides, rows_of_sides
 from elvis.core.files.pieces import pieces, substituted
+from elvis.core.shapes import Shape
 from elvis.formats.nektar.composites import composite_ids, parse_tokens
 from elvis.formats.nektar.xml import _without_comments
 
@@ -56,3 +59,21 @@ def test_substitutions_do_not_depend_on_pieces(monkeypatch):
     assert b"".join(pieces(text, line_end)) == text
     assert len(list(pieces(text, line_end))) == 101
     assert substituted(comment, b"", text, line_end) == whole
+
+
+def test_sides_are_matched_without_a_table_of_them():
+    """Tetrahedra of many different faces; the result is that of all rows at once."""
+    elements = np.random.default_rng(2).integers(0, 300, (30_000, 4))
+    views = [(elements, face) for face in Shape.TETRAHEDRON.faces]
+    stacked = np.concatenate([table[:, list(face)] for table, face in views])
+    first, which = distinct_sides(views)
+    for ours, theirs in zip((first, which), distinct_rows(stacked), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+    np.testing.assert_array_equal(rows_of_sides(views, first), stacked[first])
+    assert peak_of(distinct_sides, views) < 170 * len(elements)
+
+
+def test_sides_of_many_vertices_are_matched():
+    elements = np.random.default_rng(2).integers(0, 3, (1000, 4)) << 30
+    views = [(elements, (0, 1, 2, 3)), (elements, (3, 1, 2, 0))]
+    np.testing.assert_array_equal(distinct_sides(views)[1], np.tile(distinct_rows(elements)[1], 2))
