@@ -83,7 +83,8 @@ class EtaBoxes:
         nodes, weights = box_rule(counts)
         eta, box = self.eta(counts), np.repeat(np.arange(len(self)), len(nodes))
         places = self._places(counts, nodes, eta, box)
-        shares = self.density(places, eta) * np.outer(self.volumes, weights).reshape(-1)
+        shares = self.density(places, eta)
+        shares *= np.outer(self.volumes, weights).reshape(-1)
         return places, shares, box
 
     def eta(self, counts: tuple[int, ...]) -> Floats:

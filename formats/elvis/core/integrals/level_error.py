@@ -32,7 +32,7 @@ from elvis.core.quantities import discs
 from elvis.core.quantities.attributes import Attributes
 from elvis.core.quantities.discs import Disc
 from elvis.core.quantities.intervals import Interval
-from elvis.core.quantities.tree import Node, world_derivative
+from elvis.core.quantities.tree import Node, ordered, world_derivative
 
 #: relative change by moving g, above which bounds on whole cells are too coarse
 _COARSE = 1e-10
@@ -54,9 +54,15 @@ class LevelRules:
     exact: int | None = None
 
     def gradient(self, zero: Node | None) -> tuple[Node, ...]:
-        """The gradient of a polynomial, empty if no discs are known of it."""
+        """The gradient of a polynomial of coordinates; empty for others, whose own derivatives have smaller discs.
+
+        The gradient of a plane is constant on curved elements.  The gradient of a field takes the derivatives of the
+        map, and a quotient of two of its parts has a large disc: both vary, but they vary alike.
+        """
+        if zero is None or any(node.op == "field" for node in ordered(zero)):
+            return ()
         try:
-            found = tuple(world_derivative(zero, axis) for axis in range(3)) if zero is not None else ()
+            found = tuple(world_derivative(zero, axis) for axis in range(3))
         except ElvisError:
             return ()
         return found if all(is_bounded(part, self.rules, False) for part in found) else ()

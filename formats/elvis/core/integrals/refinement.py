@@ -486,14 +486,18 @@ class Summation:
         if not len(boxes):
             return _Batch(found, missing)
         places, shares, box = boxes.quadrature(counts)
-        gains = []
+        sizes, gains = np.abs(shares), []
+        measure = _by_box(sizes, boxes, box)
         for column, values in enumerate(self._values(numbers, places, missing)):
-            is_beyond = np.isnan(values) & self._names_others[numbers[column]]
-            terms = np.where(is_beyond, 0.0, values * shares)
-            sizes = np.abs(shares)
-            parts = (terms, np.abs(terms), np.where(is_beyond, 0.0, sizes), np.where(is_beyond, sizes, 0.0))
-            for part, sums in zip(parts, found, strict=True):
-                sums[:, column] = np.bincount(box, part, len(boxes))
+            terms, within = values * shares, measure
+            if self._names_others[numbers[column]]:
+                is_beyond = np.isnan(values)
+                terms = np.where(is_beyond, 0.0, terms)
+                within = _by_box(np.where(is_beyond, 0.0, sizes), boxes, box)
+                found.beyond[:, column] = _by_box(np.where(is_beyond, sizes, 0.0), boxes, box)
+            found.value[:, column] = _by_box(terms, boxes, box)
+            found.magnitude[:, column] = _by_box(np.abs(terms), boxes, box)
+            found.measure[:, column] = within
             gains.append(np.empty(0) if rules is None else _gains(values, counts))
         if rules is None:
             return _Batch(found, missing)
@@ -512,6 +516,13 @@ class Summation:
                 noted[number] = places.positions[missing[0]]
                 values = np.where(np.isfinite(values), values, np.nan)
             yield values
+
+
+def _by_box(terms: Floats, boxes: Boxes, box: Ints) -> Floats:
+    """Sums of terms at points over the boxes that these are in; boxes of eta have equally many points each."""
+    if isinstance(boxes, EtaBoxes):
+        return np.asarray(terms.reshape(len(boxes), -1).sum(axis=1))
+    return np.asarray(np.bincount(box, terms, len(boxes)))
 
 
 def _error(known: Bounds, integrals: BoxIntegrals, steps: tuple[int, ...]) -> tuple[Floats, Bools]:

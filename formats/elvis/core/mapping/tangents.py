@@ -43,7 +43,7 @@ def duals(jacobians: Floats) -> Floats:
 def _cross(a: Floats, b: Floats) -> Floats:
     """(n, 3) vector products; `numpy.cross` takes several times as long for few vectors."""
     (a0, a1, a2), (b0, b1, b2) = a.T, b.T
-    return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], axis=1)
+    return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0]).T
 
 
 def _dot(a: Floats, b: Floats) -> Floats:

@@ -14,7 +14,7 @@ import numpy as np
 from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Expansion
 from elvis.core.polynomials.expansion import dimension, is_factored, mode_count, values, values_and_gradients
-from elvis.core.polynomials.lattices import lattice_lines, values_and_gradients_on_lattice, values_on_lattice
+from elvis.core.polynomials.lattices import lattice_lines, values_and_slopes_on_lattice, values_on_lattice
 from elvis.core.polynomials.row_products import row_products
 from elvis.core.polynomials.tensor_points import values_and_gradients_at_points, values_at_points
 
@@ -40,13 +40,15 @@ def evaluate_with_gradients(expansion: Expansion, coefficients: Floats, points: 
     """Values (e, ..., n) and gradients in xi (e, ..., n, d) of e elements, all at the same points xi (n, d)."""
     shape = (*coefficients.shape[:-1], len(points))
     values = np.empty(shape)
-    gradients = np.empty((*shape, dimension(expansion)))
+    # in memory each derivative is one block: they are computed, and used, one after another
+    slopes = np.empty((dimension(expansion), *shape))
+    gradients = np.moveaxis(slopes, 0, -1)
     lines = lattice_lines(expansion, points)
     if lines is not None:
         flat, found = coefficients.reshape(-1, coefficients.shape[-1]), values.reshape(-1, len(points))
-        slopes = gradients.reshape(*found.shape, gradients.shape[-1])
+        every = slopes.reshape(len(slopes), *found.shape)
         for batch in _batches(len(flat), len(points)):
-            found[batch], slopes[batch] = values_and_gradients_on_lattice(expansion, flat[batch], lines)
+            found[batch], every[:, batch] = values_and_slopes_on_lattice(expansion, flat[batch], lines)
         return values, gradients
     for batch in _batches(len(points), mode_count(expansion)):
         modes, mode_gradients = values_and_gradients(expansion, points[batch])

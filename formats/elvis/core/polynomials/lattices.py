@@ -72,10 +72,10 @@ def values_on_lattice(expansion: Expansion, coefficients: Floats, lines: Sequenc
     return net.reshape(len(coefficients), -1)
 
 
-def values_and_gradients_on_lattice(
+def values_and_slopes_on_lattice(
     expansion: Expansion, coefficients: Floats, lines: Sequence[Line]
 ) -> tuple[Floats, Floats]:
-    """(e, n) values and (e, n, d) reference gradients of e elements with coefficients (e, m)."""
+    """(e, n) values and (d, e, n) derivatives in each direction of e elements with coefficients (e, m)."""
     factors = product_plan(expansion).factors
     net, left = _net(expansion, coefficients)
     # the partially contracted values, and derivatives in each direction contracted so far
@@ -86,8 +86,8 @@ def values_and_gradients_on_lattice(
         slopes[line.direction] = _contracted(expansion, values, left, line.direction, table[1])
         values = _contracted(expansion, values, left, line.direction, table[0])
         left = [direction for direction in left if direction != line.direction]
-    gradients = np.stack([slopes[i].reshape(len(net), -1) for i in range(len(lines))], axis=-1)
-    return values.reshape(len(net), -1), gradients
+    every = np.stack([slopes[i].reshape(len(net), -1) for i in range(len(lines))])
+    return values.reshape(len(net), -1), every
 
 
 def _net(expansion: Expansion, coefficients: Floats) -> tuple[Floats, list[int]]:

@@ -138,7 +138,7 @@ class Lattice(ElementPoints):
     def positions(self) -> Floats:
         """As in `ElementPoints`."""
         patch, own = self.patch, self.patch.shape.dimension
-        positions = np.ascontiguousarray(self._map[0].transpose(0, 2, 1)).reshape(-1, 3)
+        positions = np.ascontiguousarray(self._map[0].reshape(3, -1).T)
         for i, (axis, length) in enumerate(patch.periods):
             positions[:, axis] = length * (1 + self.points[:, own + i]) / 2
         return positions
@@ -147,18 +147,23 @@ class Lattice(ElementPoints):
     def jacobians(self) -> Floats:
         """As in `ElementPoints`."""
         patch, own = self.patch, self.patch.shape.dimension
-        slopes = self._map[1].transpose(0, 2, 1, 3)
-        jacobians = np.zeros((*slopes.shape[:3], patch.dimension))
-        jacobians[..., :own] = slopes
+        slopes = np.moveaxis(self._map[1], -1, 0).reshape(own, 3, len(self))
+        if not patch.periods:
+            return slopes.transpose(2, 1, 0)
+        jacobians = np.zeros((patch.dimension, 3, len(self)))
+        jacobians[:own] = slopes
         for i, (axis, length) in enumerate(patch.periods):
-            jacobians[:, :, axis, own + i] = length / 2
-        return jacobians.reshape(len(self), 3, patch.dimension)
+            jacobians[own + i, axis] = length / 2
+        return jacobians.transpose(2, 1, 0)
 
     @cached_property
     def _map(self) -> tuple[Floats, Floats]:
-        """(e, 3, q) positions and (e, 3, q, d) reference gradients of the map of the shape."""
+        """(3, e, q) positions and (3, e, q, d) reference gradients of the map of the shape.
+
+        Determinants and gradients combine whole columns of Jacobians, which are blocks of memory in this order.
+        """
         patch, own = self.patch, self.patch.shape.dimension
-        coefficients = patch.geometry_coefficients[self._elements]
+        coefficients = patch.geometry_coefficients[self._elements].swapaxes(0, 1)
         return evaluate_with_gradients(patch.geometry, coefficients, self._lattice[:, :own])
 
     def _values(self, field: int) -> Floats:
