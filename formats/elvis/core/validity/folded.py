@@ -25,6 +25,8 @@ ROUNDING = 1e-13
 #: number of elements examined together, and maximum number of coefficients of determinants' nets that are proved
 TOGETHER = 1 << 11
 PROVED_NUMBERS = 1 << 23
+#: straight simplices examined together
+SIMPLICES = 1 << 14
 #: number of ids in a message
 LISTED = 5
 
@@ -90,7 +92,11 @@ def _doubtful(part: GeometryBlock | Assembly) -> Iterator[Ints]:
     """Rows of elements that don't pass the quick test, some after another."""
     is_simplex = part.expansion.shape in (Shape.TRIANGLE, Shape.TETRAHEDRON)
     if isinstance(part, Assembly) and part.is_straight and is_simplex:
-        yield np.flatnonzero(~_are_positive_simplices(part.skeleton.vertices[part.vertices[part.rows]]))
+        is_positive = np.empty(len(part), bool)
+        for chunk in chunks(len(part), SIMPLICES):
+            corners = part.skeleton.vertices[part.vertices[part.rows[chunk]]]
+            is_positive[chunk] = _are_positive_simplices(corners)
+        yield np.flatnonzero(~is_positive)
         return
     for chunk in chunks(len(part), TOGETHER):
         rows = np.arange(chunk.start, chunk.stop)
