@@ -99,8 +99,18 @@ def python_size(text: str) -> tuple[int, int]:
 def code_tokens(text: str) -> list[tokenize.TokenInfo]:
     """The tokens of a module without comments, docstrings and layout."""
     silent = docstring_lines(ast.parse(text))
-    tokens = tokenize.generate_tokens(io.StringIO(text).readline)
+    tokens = whole_strings(tokenize.generate_tokens(io.StringIO(text).readline))
     return [token for token in tokens if token.type not in LAYOUT and token.start[0] not in silent]
+
+
+def whole_strings(tokens: Iterator[tokenize.TokenInfo]) -> Iterator[tokenize.TokenInfo]:
+    """The tokens with an f-string as one, as before Python 3.12: all versions count alike."""
+    depth = 0
+    for token in tokens:
+        name = tokenize.tok_name[token.type]
+        if depth == 0:
+            yield token
+        depth += {"FSTRING_START": 1, "FSTRING_END": -1}.get(name, 0)
 
 
 def docstring_lines(tree: ast.Module) -> set[int]:

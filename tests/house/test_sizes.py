@@ -22,6 +22,8 @@ def test_size_faults_name_oversized_and_needlessly_listed_items(root):
     ]
     text = "def f(x):\n    'doc'\n    # comment\n    def g():\n        return 1\n    return x + g()\n"
     assert dict(sizes.function_sizes(text)) == {"f": 19, "g": 7}
+    # an f-string is one token in each version of Python
+    assert sizes.python_size("x = f'{f(a, b)} and {c}'\n") == (3, 1)
 
 
 def loaded(path):
