@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -75,7 +76,8 @@ def _command(context: click.Context) -> Iterator[str]:
 
 def _prose(text: str | None) -> Iterator[str]:
     """Paragraphs in roff; those after a \\b are preformatted, as in click."""
-    for number, paragraph in enumerate(re.split(r"\n\s*\n", (text or "").strip("\n"))):
+    # before Python 3.13, docstrings are indented
+    for number, paragraph in enumerate(re.split(r"\n\s*\n", inspect.cleandoc(text or ""))):
         if number:
             yield ".PP"
         if paragraph.lstrip().startswith("\b"):

@@ -74,7 +74,9 @@ def test_parts_of_ranks_match_those_of_the_whole(steps):
     assert len({element for rows in found for element in rows}) == 8
     for rows in found:
         for element, own in rows.items():
-            assert all(map(np.array_equal, own, whole[element]))
+            # products of matrices with other numbers of rows may be summed in another order
+            for one, other in zip(own, whole[element], strict=True):
+                assert np.allclose(one, other, rtol=0, atol=4e-16)
 
 
 def test_values_over_time_are_probed_on_the_moving_geometry(steps):

@@ -38,6 +38,8 @@ from elvis.core.resolution.shared_points import groups_of_points
 _BATCH = 1 << 21
 #: residual, relative to the right-hand side, at which conjugate gradients end
 _RESIDUAL = 1e-14
+#: residual relative to the true one, in a second round
+_OF_TRUE = 0.01
 #: steps after which conjugate gradients are given up
 _MAX_STEPS = 2000
 #: jump, relative to the largest coefficient, that rounding of maps and coefficients explains
@@ -190,9 +192,13 @@ class ContinuousSpace:
             return np.asarray(total / root)
 
         scaled = LinearOperator((self.size, self.size), matvec=product, dtype=np.float64)
-        found, failure = cg(scaled, right / root, rtol=_RESIDUAL, atol=0.0, maxiter=_MAX_STEPS)
-        if failure:
-            raise ElvisError(f"the continuous projection did not converge in {_MAX_STEPS} steps")
+        found = np.zeros(self.size)
+        # the residual of the recurrence drifts from the true one, from which the second round starts
+        for residual in (_RESIDUAL, _OF_TRUE):
+            step, failure = cg(scaled, right / root - product(found), rtol=residual, atol=0.0, maxiter=_MAX_STEPS)
+            if failure:
+                raise ElvisError(f"the continuous projection did not converge in {_MAX_STEPS} steps")
+            found += step
         return np.asarray(found / root)
 
     def field(self, name: str, unknowns: Floats) -> Field:
