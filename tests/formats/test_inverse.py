@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from elvis.core.dataset import Dataset
+from elvis.core.mapping import enclosure
 from elvis.core.mapping.enclosure import excluded, search
 from elvis.core.mapping.inverse import Status, invert
 from elvis.core.mapping.margins import TOLERANCE, drawn_in, facets, heights, margins
@@ -120,6 +121,24 @@ def test_the_search_agrees_with_newton(shape, n):
     assert not undecided.any()
     np.testing.assert_array_equal(found, known.status == Status.INSIDE)
     np.testing.assert_allclose(reference[found], known.reference[found], rtol=0, atol=1e-9)
+
+
+def test_few_targets_are_searched_together_where_cells_have_many_numbers(monkeypatch):
+    """With the same results; an element has 375 numbers."""
+    patch = bent(Shape.HEXAHEDRON, 5, STRONG.get(5, 0.4))
+    points = np.random.default_rng(4).uniform(-1.2, 1.2, (200, 3))
+    expected, sizes = search(exact_targets(patch, points)), []
+    contracted = enclosure._contracted
+
+    def counted(cells, *others):
+        sizes.append(cells.net.size if len(set(cells.pair)) > 1 else 0)
+        return contracted(cells, *others)
+
+    monkeypatch.setattr(enclosure, "_contracted", counted)
+    monkeypatch.setattr(enclosure, "_MOST_NUMBERS", 20 * 375)
+    for own, other in zip(search(exact_targets(patch, points)), expected, strict=True):
+        np.testing.assert_array_equal(own, other)
+    assert 10 * 375 < max(sizes) <= 20 * 375
 
 
 @pytest.mark.parametrize("shape", Shape.of_dimension(3))

@@ -31,6 +31,8 @@ _ROUNDS = 200
 _FEW_ROUNDS = 6
 _BATCH = 1 << 21
 _MOST_CELLS = 1 << 12
+#: numbers in the nets of the cells that are cut together
+_MOST_NUMBERS = 1 << 23
 _SMALLEST = 1e-13
 #: roundings of world coordinates across the image of a cell below which its points are not distinguished
 _ONE_POINT = 16
@@ -154,12 +156,17 @@ class _Search:
         self.reference = np.full((len(targets), self.shape.dimension), np.nan)
         self.found = np.zeros(len(targets), bool)
         self.undecided = np.zeros(len(targets), bool)
-        cells = _whole_elements(targets, np.full(len(targets), TOLERANCE))
-        for _ in range(_ROUNDS):
-            if not len(cells):
-                return
-            cells = self._give_up(self._contract(cells))
-        self.undecided[cells.pair] = True
+        waiting = [(0, _whole_elements(targets, np.full(len(targets), TOLERANCE)))]
+        while waiting:
+            rounds, cells = waiting.pop()
+            while len(cells) and rounds < _ROUNDS:
+                # the cells of some targets wait while all have too many numbers
+                cells, others = _shared(cells)
+                if len(others):
+                    waiting.append((rounds, others))
+                cells = self._give_up(self._contract(cells))
+                rounds += 1
+            self.undecided[cells.pair] = True
 
     def _contract(self, cells: _Cells) -> _Cells:
         """Cut all cells to where roots can be, seek roots from nearly linear ones, halve those still as large."""
@@ -201,6 +208,15 @@ class _Search:
         self.undecided[cells.pair[is_small]] = True
         self.undecided |= has_many & ~self.found
         return cells.part(~self.undecided[cells.pair])
+
+
+def _shared(cells: _Cells) -> tuple[_Cells, _Cells]:
+    """Cells with few enough numbers to go on with, or those of one target, and the others."""
+    pairs, counts = np.unique(cells.pair, return_counts=True)
+    most = _MOST_NUMBERS * len(cells) // max(cells.net.size, 1)
+    taken = max(1, int(np.searchsorted(np.cumsum(counts), most, side="right")))
+    is_first = cells.pair <= pairs[min(taken, len(pairs)) - 1]
+    return (cells, cells.part(~is_first)) if is_first.all() else (cells.part(is_first), cells.part(~is_first))
 
 
 def _whole_elements(targets: Targets, reach: Floats) -> _Cells:
