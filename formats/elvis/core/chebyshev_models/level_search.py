@@ -122,9 +122,9 @@ class LevelSearch:
     def _affordable(self, rows: Ints, level: float, total: int) -> LevelSearch:
         """The closest search for all elements (``total``) whose series have room."""
         halvings, count = self._plan(rows)
-        boxes = self.elements.boxes(some_of(rows), self._place(halvings), 0.5**halvings)
         search = replace(self, halvings=halvings, count=count)
         if self.condition is not None and self.tolerance < _LOCAL_PART:
+            boxes = self.elements.boxes(some_of(rows), self._place(halvings), 0.5**halvings)
             times = total * len(self._centres(halvings)) / len(boxes)
             if 8 * times * search._terms(boxes, level, count) > _MOST_BYTES:
                 return replace(self, tolerance=_LOCAL_PART)._affordable(rows, level, total)

@@ -120,8 +120,8 @@ class ModelledBoxes:
         They are at most a share of the range, also of parts, in which they fade faster than the range.
         """
         tails = tails_of(shells_of(self.coefficients))
-        lacking = np.maximum(_PIXELS * tails[0], tails[1]) / self.range[:, None]
-        count = max(least, int(np.count_nonzero(lacking.max(axis=0) > share)))
+        dropped = lacking(tails) / self.range[:, None]
+        count = max(least, int(np.count_nonzero(dropped.max(axis=0) > share)))
         if count >= tails.shape[-1]:
             return self
         low = np.ascontiguousarray(self.coefficients[:, :count, :count, :count])
@@ -201,7 +201,7 @@ def _maps_of(boxes: ModelBoxes, size: int) -> tuple[Floats, Floats]:
 
 
 def _of_size(series: Floats, size: int) -> tuple[Floats, Floats]:
-    """Series (n, count three times) with ``size`` nodes of a line, and the sums (n,) of magnitudes that are left out.
+    """Series (n, count three times) cut or padded to ``size`` terms a direction; sums (n,) of the dropped magnitudes.
 
     Fields may have higher degrees than the map: the map's series contain only rounding there.
     """

@@ -103,8 +103,8 @@ def coefficients_of(values: Floats) -> Floats:
 def on_parts(series: Floats, centre: Floats, ratio: Floats) -> Floats:
     """(n, m, count, count, count) series on parts of their boxes, but for some rounding (`PARTS_ROUNDING`).
 
-    centre  (n, 3) of the parts, in the coordinates s of the boxes
-    ratio   (n,) of their sides to those of the boxes
+    centre  (n, 3) centres of the parts, in the coordinates s of the boxes
+    ratio   (n,) sides of the parts divided by sides of the boxes
     """
     count = series.shape[-1]
     places = centre[:, :, None] / ROOM + ratio[:, None, None] * nodes(count)

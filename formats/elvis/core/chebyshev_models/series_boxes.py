@@ -12,7 +12,7 @@ from elvis.core.arrays import Floats, Ints
 
 @dataclass(frozen=True, eq=False)
 class SeriesBoxes:
-    """Boxes that may hold a level, with series of one degree for the quantity; larger boxes have those of the map.
+    """Boxes that may hold a level, with series of the quantity, and larger boxes with series of the map.
 
     element    (n,) rows of elements
     centre     (n, 3), half (n,) in the coordinates of the elements' cubes

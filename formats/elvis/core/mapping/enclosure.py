@@ -211,7 +211,7 @@ class _Search:
 
 
 def _shared(cells: _Cells) -> tuple[_Cells, _Cells]:
-    """Cells with few enough numbers to go on with, or those of one target, and the others."""
+    """The cells of the first targets, as many as have at most `_MOST_NUMBERS` numbers, one at least; and the others."""
     pairs, counts = np.unique(cells.pair, return_counts=True)
     most = _MOST_NUMBERS * len(cells) // max(cells.net.size, 1)
     taken = max(1, int(np.searchsorted(np.cumsum(counts), most, side="right")))
