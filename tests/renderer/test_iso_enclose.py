@@ -280,3 +280,130 @@ def test_tails_are_twice_the_terms_beyond_the_degree(degree):
         share = tails(degree)[e, b] / beyond
         assert (share >= 1).all()
         assert share.max() < 1.5
+
+
+HELD = [
+    {"known": 1, "slope": 3, "room": 3, "held": 1, "noise": 1},
+    {"gradient": 9, "level": 3, "reach": 2, "coordinates": 9, "distance": 3},
+    {"outcome": 1, "extent": 1, "far_held": 1, "far_noise": 1, "depth": 1, "near": 1, "miss": 2, "worth": 3},
+]
+
+
+class Held:
+    """Boxes of a product of fields plus 0.7 of a distance, and a linear map whose positions are wrong."""
+
+    def __init__(self, rng, boxes):
+        self.extent, self.away = rng.uniform(1.05, 1.3, COUNT), rng.uniform(-1, 1, (COUNT, 3))
+        self.misplaced, self.errors = rng.choice([1e-3, 1e-12, 0.0], COUNT), boxes.errors.copy()
+        self.errors[::2] *= rng.choice([1e-1, 1e-2, 1e-3], (COUNT // 2, 1))
+        self.across = rng.uniform(1, 2, COUNT)
+        self.inverse = np.linalg.inv(0.3 * (3 * np.eye(3) + rng.uniform(-1, 1, (COUNT, 3, 3))))
+        # too large by a part, or too small; then parts that are too wide, and that aren't divided any more
+        self.share, self.last = np.where(np.arange(COUNT) % 4 > 1, 1.01, 0.99), (np.arange(COUNT) % 8 > 5).astype(float)
+        self.scale = np.where(np.arange(COUNT) % 16 == 13, 100.0, 1.0)
+        self.smaller = np.where(np.arange(COUNT) % 16 == 9, 1e-13, 1.0)
+        self.limit = self.largest(boxes)
+        self.columns = np.linalg.inv(self.inverse)
+        self.columns[:, 0] *= self.scale[:, None]
+
+    def largest(self, boxes):
+        """By how much positions may be wrong: room of 0.002 in steps, and twice their own error, holds them."""
+        places = np.stack([2 * self.across / self.scale, 2 * self.across, np.ones(COUNT)], axis=1)
+        steps = np.einsum("nij,nj->ni", np.abs(self.inverse), places).max(axis=1)
+        amplified = (1 + 0.637 * np.log(np.float32(3))) ** 3 * outside_of(boxes, boxes.half * self.smaller[:, None])
+        off = np.zeros(COUNT)
+        for _ in range(50):
+            grown = (2 * (1.002 + 2 * off) ** 2 - 1) ** 3
+            off = 0.002 / (grown * amplified - 2)
+        return off / steps
+
+    def rows(self, boxes):
+        alone = [self.extent[:, None], self.away, boxes.level[:, None], self.misplaced[:, None]]
+        last = [self.extent + 4e-3, self.across, self.share * self.limit, self.last, self.smaller]
+        columns = [boxes.centre, boxes.half, *alone, np.stack(last, axis=1), self.values().reshape(COUNT, -1)]
+        return np.concatenate(columns, axis=1)
+
+    def values(self):
+        """u, v, z and 0 at the nodes of linear maps."""
+        nodes = np.stack(np.broadcast_arrays(*(NODES[POWERS[:, k]] for k in range(3))), axis=-1)
+        return np.concatenate([np.einsum("nij,tj->nti", self.columns, nodes), np.zeros((COUNT, 27, 1))], axis=2)
+
+
+@pytest.fixture(scope="module")
+def held(boxes):
+    return Held(np.random.default_rng(8), boxes)
+
+
+@pytest.fixture(scope="module")
+def slopes(functions, boxes, held):
+    given = {
+        "leaf_nodes": NODES,
+        "leaf_transform": TO_POWERS,
+        "leaf_sums": SUMS,
+        "leaf_errors": held.errors,
+        "polynomials": boxes.coefficients,
+        "axes": np.array(AXES),
+        "transform": TO_CHEBYSHEV,
+        "grid": np.zeros(COUNT * 4 * 27),
+    }
+    exports = "export static const bool analytic = true; export static const bool leaf_distances = true;"
+    kernel = functions("iso_held", exports)
+    found = {}
+    for group in parted(kernel(held.rows(boxes), width_of(HELD), **given), HELD):
+        found |= group
+    return found
+
+
+def test_slopes_with_held_distances_hold_on_boxes_that_are_slightly_larger(boxes, held, slopes):
+    s = (held.extent + 4e-3)[:, None, None] * ENDS
+    jets = boxes.jets(s)
+    fields = jets[:, :, 3:]
+    along = fields[..., 0, 1:] * fields[..., 1, :1] + fields[..., 0, :1] * fields[..., 1, 1:]
+    gradient = np.linalg.solve(jets[:, :, :3, 1:].swapaxes(2, 3), along[..., None])[..., 0]
+    known = slopes["known"] > 0
+    assert 10 < known.sum() < COUNT
+    part = np.abs(gradient - slopes["slope"][:, None]).max(axis=1) / slopes["room"]
+    assert part[known].max() <= 1
+    assert part[known].max() > 0.4
+
+    discs = slopes["gradient"].reshape(COUNT, 3, 3)
+    assert slopes["slope"][known] == pytest.approx(discs[known, :, 0], rel=1e-13, abs=0)
+    assert slopes["room"][known] == pytest.approx(discs[known, :, 1:].sum(axis=2), rel=1e-11, abs=0)
+    assert (discs[known, :, 2] > 0.01 * discs[known, :, 1]).any()
+
+
+def test_noise_counts_positions_that_move_along_slopes_and_distances(boxes, held, slopes):
+    known = slopes["known"] > 0
+    coordinates = slopes["coordinates"].reshape(COUNT, 3, 3)
+    radius, error = coordinates[..., 1], coordinates[..., 2]
+    reach = np.stack([np.linalg.norm(radius + error, axis=1), np.linalg.norm(error, axis=1)], axis=1)
+    assert slopes["reach"] == pytest.approx(reach, rel=1e-12, abs=0)
+    assert (slopes["reach"] >= reach * (1 + 5e-15)).all()
+    assert slopes["distance"][:, 0] == pytest.approx(held.away[:, 1], rel=1e-15, abs=0)
+    assert slopes["distance"][:, 1:] == pytest.approx(reach + 0.1, rel=1e-12, abs=0)
+
+    steepest = (np.abs(slopes["slope"]) + slopes["room"]).sum(axis=1) + 0.7
+    assert slopes["held"] == pytest.approx(0.7, rel=1e-15)
+    places = (held.misplaced + 1e-13 * reach[:, 0]) * steepest
+    assert slopes["noise"][known] == pytest.approx((slopes["level"][:, 2] + places)[known], rel=1e-10, abs=0)
+    assert (places > 1e-3 * slopes["level"][:, 2])[known & (held.misplaced == 0)].any()
+
+
+def test_rays_through_held_parts_are_followed_unless_positions_are_off_by_more_than_the_room(held, slopes):
+    """A part is drawn, or divided if it is wide or not straight, down to sizes at which division ends."""
+    straight, known = held.share < 1, np.isfinite(slopes["far_noise"])
+    assert known[straight & (slopes["known"] > 0)].all()
+    clear = straight & known & (held.scale == 1)
+    size = 2 * np.abs(held.columns).sum(axis=2)
+    small = (size[:, :2].max(axis=1) < 1) | (held.smaller < 1) | (held.last > 0)
+    expected = np.where(clear, 1, np.where(small, 2, 0))
+    assert np.array_equal(slopes["outcome"], expected)
+    assert {0, 1, 2} == set(expected)
+    lengths = np.linalg.norm(held.columns / np.stack([held.across] * 2 + [np.ones(COUNT)], axis=1)[..., None], axis=1)
+    assert slopes["worth"][straight] == pytest.approx(lengths[straight], rel=1e-12, abs=0)
+    assert (slopes["worth"][~straight] < 1e-9).all()
+    assert np.isinf(slopes["far_held"][~straight]).all()
+    assert np.isinf(slopes["far_noise"][~straight]).all()
+    assert slopes["depth"] == pytest.approx(20, abs=1e-12)
+    assert slopes["near"] == pytest.approx(20 - np.abs(held.columns[:, 2]).sum(axis=1), rel=1e-12)
+    assert slopes["miss"] == pytest.approx(0, abs=1e-12)
