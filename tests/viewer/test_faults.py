@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+from multiprocessing import Pipe
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -20,7 +21,7 @@ from elvis.core.errors import ElvisError
 from elvis.renderer.device_errors import DeviceError
 from elvis.scene import Scene
 from elvis.viewer import drawer, drawing_process, session
-from elvis.viewer.viewers import UNCONFIRMED
+from elvis.viewer.viewers import MAX_QUESTIONS, UNCONFIRMED, Viewer
 from elvis.viewer.watching import WatchedFiles
 
 
@@ -179,8 +180,8 @@ def test_a_failed_picture_does_not_end_the_session(monkeypatch):
         except StopIteration:
             raise EOFError from None
 
-    with pytest.raises(EOFError):
-        drawing_process._serve(SimpleNamespace(recv=receive, send=answers.append), None, None)
+    opened = drawing_process._OpenedOnce(drawing_process.Source(()), None)
+    drawing_process._serve(SimpleNamespace(recv=receive, send=answers.append), opened)
     assert [kind for kind, _, _ in answers] == ["error", "error", "error", "draw"]
     sentences = [text for _, _, text in answers]
     assert sentences[0] == "unexpected ValueError: odd; this is a bug in ElVis"
@@ -260,7 +261,9 @@ class _Silent:
 
 def test_an_unread_pipe_is_closed(monkeypatch):
     silent = _Silent()
-    monkeypatch.setattr(drawer, "spawn", lambda: drawing_process.Process(silent, silent, SimpleNamespace(value=0)))
+    monkeypatch.setattr(
+        drawer, "spawn", lambda: drawing_process.Process(silent, (silent, silent), SimpleNamespace(value=0))
+    )
 
     async def main():
         shut = drawer.Drawer(drawing_process.Source(()))
@@ -311,7 +314,7 @@ def test_the_previous_process_answers_until_the_next_has_read(monkeypatch):
 
     def start():
         process = next(waiting)
-        return drawing_process.Process(process, process, SimpleNamespace(value=0))
+        return drawing_process.Process(process, (process, process), SimpleNamespace(value=0))
 
     monkeypatch.setattr(drawer, "spawn", start)
 
@@ -333,3 +336,136 @@ def test_the_previous_process_answers_until_the_next_has_read(monkeypatch):
         assert new.is_ended
 
     finished(main())
+
+
+class _Paused:
+    """A pipe whose answers come once they may."""
+
+    def __init__(self):
+        self.requests, self.may_answer = [], threading.Event()
+
+    def send(self, request):
+        self.requests.append(request)
+
+    def recv(self):
+        self.may_answer.wait()
+        name, number, content = self.requests[-1]
+        return name, number, content
+
+    def close(self):
+        pass
+
+
+def _with_pipes(monkeypatch, count):
+    """A drawing process with pipes, and its number of the newest picture."""
+    pipes, newest = [_Paused() for _ in range(count)], SimpleNamespace(value=0)
+    own = SimpleNamespace(terminate=lambda: None, join=lambda seconds=None: None, is_alive=lambda: False)
+    monkeypatch.setattr(drawer, "spawn", lambda: drawing_process.Process(own, tuple(pipes), newest))
+    return pipes, newest
+
+
+def test_long_pictures_and_questions_delay_no_other_page(monkeypatch):
+    """Page 1 waits for a picture, page 2 for many questions: the question of page 3 is answered at once."""
+    (picture, *questions), _ = _with_pipes(monkeypatch, 3)
+    answers = []
+
+    async def main():
+        own = drawer.Drawer(drawing_process.Source(()))
+        pages = [Viewer(None) for _ in range(2)]
+
+        async def ask(page, content):
+            async with page.question():
+                answers.append(await own.ask("line", content))
+
+        waiting = [asyncio.create_task(own.ask("draw", 1))]
+        waiting += [asyncio.create_task(ask(pages[0], n)) for n in range(MAX_QUESTIONS)]
+        await until(lambda: len(picture.requests) == 2 and questions[0].requests)
+        with pytest.raises(ElvisError, match="100 questions of this page are still waiting"):
+            await ask(pages[0], "one too many")
+        questions[1].may_answer.set()
+        await ask(pages[1], "quick")
+        assert answers == ["quick"]
+        for pipe in (picture, *questions):
+            pipe.may_answer.set()
+        await asyncio.gather(*waiting)
+        own.close()
+
+    finished(main())
+    assert answers[1:] == list(range(MAX_QUESTIONS))
+
+
+def test_a_picture_that_is_saved_is_left_when_another_is_needed(monkeypatch):
+    """Nor does it begin while another one is wanted."""
+    (pipe, _), newest = _with_pipes(monkeypatch, 2)
+
+    async def main():
+        own = drawer.Drawer(drawing_process.Source(()))
+        saving = asyncio.create_task(own.ask("save"))
+        await until(lambda: len(pipe.requests) == 2)
+        number = newest.value
+        drawing = [asyncio.create_task(own.ask("draw"))]
+        await until(lambda: newest.value > number)
+        second = asyncio.create_task(own.ask("save", "second"))
+        await asyncio.sleep(0)
+        drawing.append(asyncio.create_task(own.ask("draw")))
+        await asyncio.sleep(0)
+        pipe.may_answer.set()
+        await asyncio.gather(saving, *drawing)
+        assert await second is None
+        own.close()
+
+    finished(main())
+    assert [name for name, _, _ in pipe.requests[1:]] == ["save", "draw", "draw"]
+
+
+@pytest.mark.parametrize("times", [3, session.MAX_SAVES])
+def test_a_picture_that_was_left_is_saved_once_nothing_else_is_drawn(scene, times):
+    """After too many times the page gets the reason."""
+    found = iter([*[None] * times, b"picture"])
+    waits = []
+
+    async def ask(name, content):
+        return next(found)
+
+    async def settle():
+        waits.append(1)
+
+    async def main():
+        own = session.Session(scene, drawing_process.Source(scene.data))
+        own._drawer, own._settle = SimpleNamespace(ask=ask), settle
+        return await own.content_of(".png")
+
+    if times < session.MAX_SAVES:
+        assert finished(main()) == b"picture"
+    else:
+        with pytest.raises(ElvisError, match="other pictures were needed while this one was drawn; save it again"):
+            finished(main())
+    assert len(waits) == times
+
+
+def test_questions_are_answered_while_a_picture_is_drawn(monkeypatch):
+    may_end, pipes = threading.Event(), [Pipe() for _ in range(3)]
+
+    def answer(name, number, content):
+        if name == "draw":
+            may_end.wait(PATIENCE)
+        return content
+
+    monkeypatch.setattr(drawing_process, "_Drawing", lambda source, newest: SimpleNamespace(answer=answer))
+    monkeypatch.setattr(drawing_process, "signal", SimpleNamespace(signal=lambda *_: None, SIGINT=0, SIG_IGN=0))
+    there = tuple(pipe for _, pipe in pipes)
+    process = threading.Thread(target=drawing_process.run, args=(there, None))
+    process.start()
+    (picture, first, second) = (pipe for pipe, _ in pipes)
+    picture.send(drawing_process.Source(()))
+    picture.send(("draw", 1, "picture"))
+    for number, pipe in enumerate((first, second, first)):
+        pipe.send(("line", number, "values"))
+        assert pipe.recv() == ("line", number, "values")
+    assert not picture.poll()
+    may_end.set()
+    assert picture.recv() == ("draw", 1, "picture")
+    for pipe in (picture, first, second):
+        pipe.close()
+    process.join(PATIENCE)
+    assert not process.is_alive()

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import AsyncIterator, Iterator
+from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
 from elvis.core.errors import ElvisError
 from elvis.core.memory import free_memory
 from elvis.scene.errors import AbsentError
-from elvis.viewer.drawing_process import Process, Source, spawn
+from elvis.viewer.drawing_process import QUESTIONS, Process, Source, spawn
 
+#: name of the request for a picture that is saved
+SAVE = "save"
+#: requests for which a picture that is being saved isn't left
+UNHURRIED = (SAVE, "follow")
 #: share of the free memory that a process may take so that a second one reads its data next to it
 ROOM = 0.5
 
@@ -22,21 +27,17 @@ class DiedError(ElvisError):
     """The process that draws has ended."""
 
 
-class Worker:
-    """A process that draws: one question at a time, which a thread waits for."""
+class Exchange:
+    """A pipe to a process: one request at a time, whose answer a thread waits for."""
 
-    def __init__(self, process: Process) -> None:
-        self.process = process
-        self.turn = asyncio.Lock()
-        #: whether it knows its source
-        self._is_told = False
+    def __init__(self, pipe: Connection) -> None:
+        self._pipe = pipe
         self._waiting: threading.Thread | None = None
 
-    async def exchange(self, source: Source, name: str, number: int, content: Any) -> Any:
-        """The answer to a question, None for an obsolete picture; ElvisError with the reason if there is none."""
+    async def ask(self, request: tuple[str, int, Any]) -> Any:
+        """The answer to a request, None for an obsolete picture; ElvisError with the reason if there is none."""
         loop = asyncio.get_running_loop()
         answer: asyncio.Future[Any] = loop.create_future()
-        pipe = self.process.pipe
 
         def settle(found: Any) -> None:
             if not answer.done():
@@ -44,13 +45,10 @@ class Worker:
 
         def wait() -> None:
             try:
-                if not self._is_told:
-                    pipe.send(source)
-                    self._is_told = True
-                pipe.send((name, number, content))
-                found = pipe.recv()
+                self._pipe.send(request)
+                found = self._pipe.recv()
             except (EOFError, OSError):
-                found = ("died", number, "")
+                found = ("died", 0, "")
             with suppress(RuntimeError):  # the loop is closed: nobody waits for the answer
                 loop.call_soon_threadsafe(settle, found)
 
@@ -65,6 +63,56 @@ class Worker:
             raise (AbsentError if kind == "absent" else ElvisError)(found)
         return None if kind == "obsolete" else found
 
+    def close(self) -> None:
+        """Close the pipe of a process that has ended.
+
+        The end of the process ends a wait for its answer.  The pipe may only be closed after that: closing a pipe while
+        a thread reads it leaves that thread with no descriptor, or with the descriptor of another file.
+        """
+        if self._waiting is not None:
+            self._waiting.join(2)
+            if self._waiting.is_alive():
+                return
+        self._pipe.close()
+
+
+class Worker:
+    """A process that draws, and the pipes to it."""
+
+    def __init__(self, process: Process) -> None:
+        self.process = process
+        self._exchanges = [Exchange(pipe) for pipe in process.pipes]
+        #: pipes without a request; who waits for one gets it in turn
+        self._free_picture = asyncio.Queue[Exchange]()
+        self._free_questions = asyncio.Queue[Exchange]()
+        self._free_picture.put_nowait(self._exchanges[0])
+        for exchange in self._exchanges[1:]:
+            self._free_questions.put_nowait(exchange)
+
+    async def tell(self, source: Source) -> None:
+        """Send the source of the data, before any request."""
+        with suppress(OSError):  # the first request finds out that the process has ended
+            await asyncio.to_thread(self.process.pipes[0].send, source)
+
+    @asynccontextmanager
+    async def exchange(self, name: str) -> AsyncIterator[Exchange]:
+        """A pipe for a request of this name."""
+        free = self._free_questions if name in QUESTIONS else self._free_picture
+        exchange = await free.get()
+        try:
+            yield exchange
+        finally:
+            free.put_nowait(exchange)
+
+    @asynccontextmanager
+    async def all_answered(self) -> AsyncIterator[None]:
+        """All requests have their answers, and no other one begins within the block."""
+        async with AsyncExitStack() as taken:
+            await taken.enter_async_context(self.exchange("draw"))
+            for _ in self._exchanges[1:]:
+                await taken.enter_async_context(self.exchange("pick"))
+            yield
+
     def end(self) -> None:
         """End the process, and wait for its end, which takes a moment if it holds a lot of memory."""
         process = self.process.own
@@ -73,13 +121,8 @@ class Worker:
         if process.is_alive():
             process.kill()
             process.join()
-        # The end of the process ends a wait for its answer.  The pipe may only be closed after that: closing a pipe
-        # while a thread reads it leaves that thread with no descriptor, or with the descriptor of another file.
-        if self._waiting is not None:
-            self._waiting.join(2)
-            if self._waiting.is_alive():
-                return
-        self.process.pipe.close()
+        for exchange in self._exchanges:
+            exchange.close()
 
 
 class Drawer:
@@ -92,6 +135,9 @@ class Drawer:
     def __init__(self, source: Source, process: Process | None = None) -> None:
         self.source = source
         self._number = 0
+        #: requests that come before a picture that is saved, and whether one is being saved
+        self._urgent = 0
+        self._is_saving = False
         self._given = process
         self._worker: Worker | None = None
         self._start = asyncio.Lock()
@@ -100,26 +146,65 @@ class Drawer:
         self._retiring: set[asyncio.Task[None]] = set()
 
     async def ask(self, name: str, content: Any = None) -> Any:
-        """The answer to a request; ElvisError with the reason where there is none, None for an obsolete picture."""
+        """The answer to a request; ElvisError with the reason where there is none, None for an obsolete picture.
+
+        A picture that is being saved is left as soon as another one is needed.
+        """
+        if name in QUESTIONS or name in UNHURRIED:
+            return await self._exchanged(name, content)
+        self._urgent += 1
+        if self._is_saving:
+            self.make_obsolete()
+        try:
+            return await self._exchanged(name, content)
+        finally:
+            self._urgent -= 1
+
+    async def _exchanged(self, name: str, content: Any) -> Any:
+        """The answer of the current process, once one of its pipes is free."""
         while True:
             worker = await self._current()
-            async with worker.turn:
+            async with worker.exchange(name) as exchange:
                 if worker is self._worker:
-                    self._number += 1
-                    worker.process.newest.value = self._number
-                    try:
-                        return await worker.exchange(self.source, name, self._number, content)
-                    except DiedError:
-                        if worker is self._worker:
-                            await self._retire(worker)
-                        raise
+                    with self._marked(name):
+                        return await self._answer(worker, exchange, name, content)
+
+    async def _answer(self, worker: Worker, exchange: Exchange, name: str, content: Any) -> Any:
+        """The answer of a process, which is ended if it has died."""
+        if name == SAVE and self._urgent:
+            return None
+        try:
+            return await exchange.ask((name, self._next_number(worker, name), content))
+        except DiedError:
+            if worker is self._worker:
+                await self._retire(worker)
+            raise
+
+    @contextmanager
+    def _marked(self, name: str) -> Iterator[None]:
+        """Remember that a picture is being saved."""
+        self._is_saving = self._is_saving or name == SAVE
+        try:
+            yield
+        finally:
+            self._is_saving = self._is_saving and name != SAVE
+
+    def _next_number(self, worker: Worker, name: str) -> int:
+        """The number of a request; a picture makes those with smaller numbers obsolete."""
+        self._number += 1
+        if name not in QUESTIONS:
+            worker.process.newest.value = self._number
+        return self._number
 
     async def _current(self) -> Worker:
         """The process, which is started if there is none."""
         async with self._start:
             if self._worker is None:
                 given, self._given = self._given, None
-                self._worker = Worker(await asyncio.to_thread(spawn) if given is None else given)
+                worker = Worker(await asyncio.to_thread(spawn) if given is None else given)
+                # before anything that may fail: `close` ends it
+                self._worker = worker
+                await worker.tell(self.source)
             return self._worker
 
     async def read_again(self, source: Source) -> Any:
@@ -130,13 +215,15 @@ class Drawer:
         old = self._worker
         if old is not None and not _has_room(old):
             self.source = source
-            async with old.turn:
+            async with old.all_answered():
                 await self._retire(old)
             return await self.ask("facts")
         new = Worker(await asyncio.to_thread(spawn))
         self._others.add(new)
         try:
-            facts = await new.exchange(source, "facts", 0, None)
+            await new.tell(source)
+            async with new.exchange("facts") as exchange:
+                facts = await exchange.ask(("facts", 0, None))
         except BaseException:
             await self._retire(new)
             raise
@@ -152,7 +239,7 @@ class Drawer:
 
     async def _retire_later(self, worker: Worker) -> None:
         """End a process once it has answered its last question."""
-        async with worker.turn:
+        async with worker.all_answered():
             await self._retire(worker)
 
     async def _retire(self, worker: Worker) -> None:

@@ -1,7 +1,9 @@
-"""The process that draws: it reads the data, keeps the device, and answers one request after the other.
+"""The process that draws: it reads the data, keeps the device, and answers requests.
 
 It is a process of its own since drawing holds the interpreter, up to 0.3 s for a picture, while the server must answer.
-Requests and answers go through a pipe as tuples (name, number, content); errors come back as sentences.
+Requests and answers go through pipes as tuples (name, number, content); errors come back as sentences.  The main thread
+serves the first pipe: pictures, and whatever changes the data.  Each of the other pipes has a thread for `QUESTIONS`,
+which only read the data, so that a long picture or a long question of one page doesn't delay the answers to others.
 """
 
 from __future__ import annotations
@@ -14,12 +16,14 @@ from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from multiprocessing.connection import Connection
+from threading import Lock, Thread
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from elvis.scene.permissions import HTML
 from elvis.viewer.encoding import bare, file_of, lossless, png, with_proof
 from elvis.viewer.other_pictures import OtherPictures
+from elvis.viewer.picture_facts import facts_of
 
 if TYPE_CHECKING:
     from elvis.core.dataset import Dataset
@@ -29,13 +33,18 @@ if TYPE_CHECKING:
     from elvis.renderer.bricks import Bricks, Opening
     from elvis.renderer.deformed_data import DeformedData
     from elvis.scene.frame import Frame
-    from elvis.scene.page import BarPlace, Layout
     from elvis.scene.whole import Scene
 
 #: cuts of each linear element, at most
 MOST_CUTS = 5
 #: points of a line plot
 LINE_POINTS = 401
+#: requests that only read the data and the last picture
+QUESTIONS = frozenset(
+    ("pick", "seen", "depths", "line", "section", "check", "histogram", "extrema", "history", "series range")
+)
+#: questions that are answered at the same time, at most
+QUESTION_THREADS = 4
 Table = dict[str, Any]
 
 
@@ -61,23 +70,27 @@ class Source:
 class Process:
     """The process, as the server has it.
 
-    newest  the shared number of the newest request
+    pipes   the first one for the source and for pictures, the others for questions
+    newest  the shared number of the newest request for a picture
     """
 
     own: Any
-    pipe: Connection
+    pipes: tuple[Connection, ...]
     newest: Any
 
 
-def run(pipe: Connection, newest: Any) -> None:
-    """Get ready, take the source from the pipe, and serve requests until the pipe closes.
+def run(pipes: tuple[Connection, ...], newest: Any) -> None:
+    """Get ready, take the source from the first pipe, and serve requests until the pipes close.
 
     newest  a shared number: a request for a picture of a smaller one is obsolete, and left
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server ends this process
     with suppress(EOFError, BrokenPipeError, ConnectionResetError):
         _import_ahead()
-        _serve(pipe, newest, pipe.recv())
+        opened = _OpenedOnce(pipes[0].recv(), newest)
+        for pipe in pipes[1:]:
+            Thread(target=_serve, args=(pipe, opened), daemon=True).start()
+        _serve(pipes[0], opened)
 
 
 def _import_ahead() -> None:
@@ -87,23 +100,41 @@ def _import_ahead() -> None:
     import elvis.scene.saving  # noqa: F401
 
 
-def _serve(pipe: Connection, newest: Any, source: Source) -> None:
+class _OpenedOnce:
+    """The data of a source, opened by the first request that needs them."""
+
+    def __init__(self, source: Source, newest: Any) -> None:
+        self._source, self._newest = source, newest
+        self._lock = Lock()
+        self._drawing: _Drawing | None = None
+
+    def drawing(self) -> _Drawing:
+        """The data; ElvisError if they can't be opened, and the next request tries again."""
+        with self._lock:
+            if self._drawing is None:
+                self._drawing = _Drawing(self._source, self._newest)
+            return self._drawing
+
+
+def _serve(pipe: Connection, opened: _OpenedOnce) -> None:
+    """Answer the requests of a pipe until it closes."""
+    with suppress(EOFError, BrokenPipeError, ConnectionResetError):
+        while True:
+            pipe.send(_answered(opened, *pipe.recv()))
+
+
+def _answered(opened: _OpenedOnce, name: str, number: int, content: Any) -> tuple[str, int, Any]:
+    """The answer to a request, or the reason why there is none."""
     from elvis.core.errors import ElvisError, fault_sentence
 
-    drawing: _Drawing | None = None
-    while True:
-        name, number, content = pipe.recv()
-        try:
-            drawing = drawing or _Drawing(source, newest)
-            answer = drawing.answer(name, number, content)
-        except ElvisError as error:
-            pipe.send((_failure(error), number, str(error)))
-        except MemoryError:
-            pipe.send(("error", number, "not enough memory for this picture; reduce its size or its samples"))
-        except Exception as error:  # a fault of one picture must not end all
-            pipe.send(("error", number, fault_sentence(error)))
-        else:
-            pipe.send((name, number, answer))
+    try:
+        return name, number, opened.drawing().answer(name, number, content)
+    except ElvisError as error:
+        return _failure(error), number, str(error)
+    except MemoryError:
+        return "error", number, "not enough memory for this picture; reduce its size or its samples"
+    except Exception as error:  # a fault of one picture must not end all
+        return "error", number, fault_sentence(error)
 
 
 def _failure(error: Exception) -> str:
@@ -128,12 +159,12 @@ class _Drawing:
         self._newest = newest
         self._states: DeformedData | None = None
         #: the last whole picture, and the number of its request
-        self._frame: Frame | None = None
-        self._frame_number = 0
+        self._whole: tuple[Frame, int] | None = None
         #: the last picture of any quality, and whether it is a draft
         self._last: tuple[Frame, bool] | None = None
         self._other_pictures = OtherPictures(source.device)
-        self._histograms: dict[str, Table] = {}
+        #: answers about the current data: threads take this table before they look at the data
+        self._known: Table = {}
         self._answers: dict[str, Callable[[int, Any], Any]] = {
             "facts": self._facts,
             "draw": self._draw,
@@ -248,11 +279,11 @@ class _Drawing:
         drawn = perf_counter()
         self._last = frame, not is_final
         if is_final:
-            self._frame, self._frame_number = frame, number
+            self._whole = frame, number
         file, layout = lossless(frame) if is_final else bare(frame, is_lean)
         if content["proof"]:
             file = with_proof(file, frame, layout.corner)
-        facts = _facts_of(frame, layout)
+        facts = facts_of(frame, layout)
         if is_final:
             facts["arrows"] = square_of_arrows(frame)
         else:
@@ -299,10 +330,9 @@ class _Drawing:
             return
         self._data = data
         self._pictures.show(data)
-        self._histograms.clear()
+        self._known = {}
         self._other_pictures.clear()
-        for name in ("_element_sampler", "_linear_pictures"):
-            self.__dict__.pop(name, None)
+        self.__dict__.pop("_linear_pictures", None)
 
     def _follow(self, _: int, __: Any) -> bool:
         """Whether a run has a newer step than the last one reported."""
@@ -324,10 +354,10 @@ class _Drawing:
         from elvis.core.errors import ElvisError
         from elvis.scene.frame import Status
 
-        frame = self._frame
-        if frame is None:
+        if self._whole is None:
             raise ElvisError("no picture has been drawn yet")
-        if content.get("number", self._frame_number) != self._frame_number:
+        frame, own = self._whole
+        if content.get("number", own) != own:
             return None
         row, column = int(content["row"]), int(content["column"])
         height, width = frame.element.shape
@@ -348,7 +378,7 @@ class _Drawing:
 
     def _seen(self, _: int, __: Any) -> list[list[float]] | None:
         """Minimum and maximum coordinates of what the last whole picture shows; None where that is nothing."""
-        frame = self._frame
+        frame = self._whole[0] if self._whole else None
         if frame is None or not frame.seen.any():
             return None
         points = frame.position[frame.seen]
@@ -359,7 +389,10 @@ class _Drawing:
         """Depths of the last whole picture, and its number."""
         from elvis.viewer.depths import depths_of
 
-        return None if self._frame is None else {"number": self._frame_number, **depths_of(self._frame)}
+        if self._whole is None:
+            return None
+        frame, number = self._whole
+        return {"number": number, **depths_of(frame)}
 
     def _known_of(self, position: list[float]) -> Table:
         """Order and Jacobian determinant of the element at a point, if the data provide them."""
@@ -367,7 +400,10 @@ class _Drawing:
 
         from elvis.core.errors import ElvisError
 
-        sampler = self._element_sampler
+        known = self._known
+        if "sampler" not in known:
+            known["sampler"] = self._element_sampler()
+        sampler = known["sampler"]
         if sampler is None:
             return {}
         with suppress(ElvisError):
@@ -375,9 +411,8 @@ class _Drawing:
             return {name: _number(float(found[name][0])) for name in ("order", "jacobian")}
         return {}
 
-    @cached_property
     def _element_sampler(self) -> Any:
-        """The sampler that locates and describes elements, made once; None for the data of runtime plugins."""
+        """A sampler that locates and describes elements; None for the data of runtime plugins."""
         from elvis.core.dataset import Dataset
         from elvis.core.quantities import Expression, evaluator
         from elvis.plugins.serving import names_of
@@ -418,10 +453,12 @@ class _Drawing:
         from elvis.scene.frame import whole
         from elvis.scene.time_limit import stopped_when
 
-        if self._frame is None:
+        if self._whole is None:
             raise ElvisError("no picture has been drawn yet")
         with stopped_when(lambda: self._newest.value > number):
-            record, simplices = self._linear_pictures.draw(self._frame, min(max(int(content["level"]), 0), MOST_CUTS))
+            record, simplices = self._linear_pictures.draw(
+                self._whole[0], min(max(int(content["level"]), 0), MOST_CUTS)
+            )
         return {"file": b64encode(png(whole(record.color.clip(0.0, 1.0)))).decode(), "simplices": simplices}
 
     def _other(self, number: int, content: Table) -> Table | None:
@@ -451,16 +488,19 @@ class _Drawing:
         from elvis.core.histogram import histogram
         from elvis.core.quantities import Expression
 
+        known = self._known
         dataset = self._dataset("histograms")
-        if text not in self._histograms:
+        key = f"histogram {text}"
+        if key not in known:
             found = histogram(dataset, Expression.of(dataset, text))
-            self._histograms[text] = {
+            known[key] = {
                 "low": float(found.ends[0]),
                 "high": float(found.ends[-1]),
                 "shares": found.shares.tolist(),
                 "sample": f"{found.points} points of {found.elements} of {found.total} elements",
             }
-        return self._histograms[text]
+        answer: Table = known[key]
+        return answer
 
     def _extrema(self, _: int, text: str) -> list[Table]:
         """The minimum and the maximum value of a quantity over all elements, and where they are."""
@@ -481,23 +521,25 @@ class _Drawing:
         Expression.parse(text, names_of(self._few))
         return ""
 
-    def _save(self, _: int, content: Table) -> bytes:
-        """The file of a scene: a picture or a record, as ``elvis render`` writes it.
+    def _save(self, number: int, content: Table) -> bytes:
+        """The file of a scene: a picture or a record, as ``elvis render`` writes it; left if somebody needs a picture.
 
         content  ``table`` and ``suffix``; ``directions`` and ``all_steps`` of a page
         """
         from elvis.scene.tables import scene_of
+        from elvis.scene.time_limit import stopped_when
         from elvis.viewer.page_files import page_file
 
         suffix = content["suffix"]
         scene = replace(scene_of(content["table"]), outputs=(f"picture{suffix}",))
         times = self._moments.times if content.get("all_steps") else []
         directions = content.get("directions", 1)
-        if suffix != HTML or (directions < 2 and len(times) < 2):
-            return file_of(self._drawn(scene), suffix)
-        return page_file(
-            scene, directions, times, lambda views, first: views.cameras(first, self._state(first)), self._drawn
-        )
+        with stopped_when(lambda: self._newest.value > number):
+            if suffix != HTML or (directions < 2 and len(times) < 2):
+                return file_of(self._drawn(scene), suffix)
+            return page_file(
+                scene, directions, times, lambda views, first: views.cameras(first, self._state(first)), self._drawn
+            )
 
     def _state(self, scene: Scene) -> Any:
         """The data at the moment of a scene, which pictures show from now on."""
@@ -516,41 +558,6 @@ def _facts_of_bodies(found: Bodies) -> Table:
     return {"bodies": list(found.names), "body_size": found.size, "body_box": box}
 
 
-def _facts_of(frame: Frame, layout: Layout) -> Table:
-    """Facts of a picture for the page: its camera, the position of the image, counts, ranges, remarks."""
-    from elvis.scene.tables import table_of
-
-    height, width = frame.element.shape
-    legends = [legend for legend in frame.legends if legend.palette is not None]
-    return {
-        "camera": table_of(frame.view.camera),
-        "image": [*layout.corner, width, height],
-        "size": list(layout.size),
-        "bars": [_facts_of_bar(bar) for bar in layout.bars],
-        "counts": frame.counts(),
-        "remarks": list(frame.remarks),
-        "folds": bool(frame.stats.get("deformation", {}).get("folds")),
-        "ranges": {own.title: [own.palette.low, own.palette.high] for own in legends if own.palette},
-        "field": frame.scene.field,
-        "title": frame.title,
-    }
-
-
-def _facts_of_bar(bar: BarPlace) -> Table:
-    """Position of a colour bar, and the values at its ends."""
-    from elvis.scene.palette import linear_part
-
-    palette = bar.legend.palette
-    assert palette is not None
-    own = bar.legend.bar
-    scale = "linear" if own is None else own.scale
-    ends = {"low": palette.low, "high": palette.high}
-    # up to which size a symmetric logarithmic scale is linear
-    linear = linear_part(own, palette.low, palette.high) if own is not None and scale == "symlog" else None
-    facts = {"title": bar.legend.title, "box": list(bar.box), "upright": bar.upright, "scale": scale, "linear": linear}
-    return {**facts, **ends}
-
-
 def _number(value: float) -> float | None:
     """The number, None for what JSON has no word for."""
     return value if abs(value) < float("inf") else None
@@ -561,13 +568,14 @@ def spawn() -> Process:
     from multiprocessing import get_context
 
     context = get_context("spawn")
-    here, there = context.Pipe()
+    here, there = zip(*(context.Pipe() for _ in range(1 + QUESTION_THREADS)), strict=True)
     newest = context.Value("Q", 0, lock=False)
     process = context.Process(target=run, args=(there, newest), daemon=True, name="elvis-drawing")
     os.environ.setdefault("PYTHONUNBUFFERED", "1")
     with _without_interrupts():
         process.start()
-    there.close()
+    for pipe in there:
+        pipe.close()
     return Process(process, here, newest)
 
 

@@ -23,7 +23,7 @@ from elvis.scene.tables import Table, input_files, table_of
 from elvis.scene.whole import Scene
 from elvis.viewer import messages
 from elvis.viewer.contents import first_sight
-from elvis.viewer.drawer import DiedError, Drawer
+from elvis.viewer.drawer import SAVE, DiedError, Drawer
 from elvis.viewer.drawing_process import Process, Source
 from elvis.viewer.messages import AnyMessage, Message, Question, parsed
 from elvis.viewer.page_files import views_of
@@ -43,6 +43,8 @@ HISTORY = 200
 WATCH = 2.0
 #: deaths of the drawing process in a row after which it is not started again
 DEATHS = 3
+#: times that a picture to save is begun, at most; it is left when the viewer needs another picture
+MAX_SAVES = 5
 #: drafts that nobody sees, at most: the first one may load kernels
 TRIALS = 2
 #: objects that can be hidden
@@ -90,6 +92,7 @@ class Session:
         #: the last scene with a complete picture, or with a reason why there is none
         self._settled = -1
         self._leavable = 0
+        self._saving = asyncio.Lock()
         self._has_shown = False
         #: called with the reason if the data can't be read when they are read first; whether that ends the drawing
         self.on_unreadable: Callable[[str], bool] = lambda reason: False
@@ -167,16 +170,21 @@ class Session:
             case messages.ReadAgain():
                 self.rereading.request()
             case _:
-                return {"type": "answer", "id": message.id, "content": await self._content_for(message)}
+                return {"type": "answer", "id": message.id, "content": await self._content_for(viewer, message)}
         return None
 
-    async def _content_for(self, message: Question) -> Any:
+    async def _content_for(self, viewer: Viewer, message: Question) -> Any:
         """The content that a page requests."""
-        match message:
-            case messages.Copy():
-                return self.lines(message.content)
-            case messages.Write():
+        if isinstance(message, messages.Copy):
+            return self.lines(message.content)
+        async with viewer.question():
+            if isinstance(message, messages.Write):
                 return await self._write(message.content.name, message.content.confirmed)
+            return await self._drawn_content(message)
+
+    async def _drawn_content(self, message: Question) -> Any:
+        """The answer of the process that draws."""
+        match message:
             case messages.Linear():
                 return await self._ask_leavably(message.type, message.content.model_dump())
             case messages.Other() if not message.content.draft:
@@ -320,9 +328,7 @@ class Session:
 
         patience  seconds to wait at most
         """
-        end = perf_counter() + patience
-        while self._settled < self.revision and perf_counter() < end:
-            await asyncio.sleep(0.02)
+        await self._settle(patience)
         return self.message
 
     async def _file(self, suffix: str, how: Mapping[str, Any]) -> bytes:
@@ -333,10 +339,20 @@ class Session:
             raise SceneError(
                 f"size: expected at most {MOST} pixels in each direction, found {scene.size[0]} x {scene.size[1]}"
             )
-        found = await self._drawer.ask("save", {"table": table_of(scene), "suffix": suffix, **views_of(how)})
-        if found is None:
-            raise SceneError("the scene changed while the picture was drawn; save it again")
-        return bytes(found)
+        content = {"table": table_of(scene), "suffix": suffix, **views_of(how)}
+        async with self._saving:
+            for _ in range(MAX_SAVES):
+                found = await self._drawer.ask(SAVE, content)
+                if found is not None:
+                    return bytes(found)
+                await self._settle()
+        raise SceneError("other pictures were needed while this one was drawn; save it again")
+
+    async def _settle(self, patience: float = float("inf")) -> None:
+        """Wait until the current scene has its complete picture, or none, for some seconds at most."""
+        end = perf_counter() + patience
+        while self._settled < self.revision and perf_counter() < end:
+            await asyncio.sleep(0.02)
 
     def _state(self, **more: Any) -> str:
         files = [Path(name).name for name in self.scene.data]

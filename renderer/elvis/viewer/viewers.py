@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 from collections import deque
-from collections.abc import Awaitable, Callable, Iterable
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
+from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any, TypeAlias
 
+from elvis.core.errors import ElvisError
 from elvis.viewer.messages import id_of
 
 #: pictures on their way to a page that it has not confirmed, at most
 UNCONFIRMED = 2
 #: seconds until a confirmation, and how many that take longer one after another make a line slow
 LATE_CONFIRMATION, LATE_CONFIRMATIONS = 0.4, 3
+#: questions of a page that wait for their answers, at most
+MAX_QUESTIONS = 100
 Send: TypeAlias = Callable[[str | bytes], Awaitable[None]]
 
 
@@ -36,6 +41,23 @@ class Viewer:
     def __post_init__(self) -> None:
         self._times = deque[float]()
         self._late = 0
+        self._turn = asyncio.Lock()
+        self._questions = 0
+
+    @asynccontextmanager
+    async def question(self) -> AsyncIterator[None]:
+        """One question of this page at a time, so that many of them don't delay those of other pages.
+
+        Raises ElvisError if too many wait.
+        """
+        if self._questions >= MAX_QUESTIONS:
+            raise ElvisError(f"{MAX_QUESTIONS} questions of this page are still waiting; ask again later")
+        self._questions += 1
+        try:
+            async with self._turn:
+                yield
+        finally:
+            self._questions -= 1
 
     async def take(self, number: int, message: bytes, is_final: bool) -> None:
         """Send a picture, or keep a final one until there is room; others are skipped."""
