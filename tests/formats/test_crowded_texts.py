@@ -2,15 +2,22 @@
 
 import re
 import tracemalloc
+from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from elvis import FormatError, open_series
+from elvis.converters import vtk_files
+from elvis.converters.gmf import Gmf
+from elvis.converters.mfem import Mfem
 from elvis.converters.mfem_files import named_attributes
-from elvis.core.arrays import distinct_rows, distinct_sides, rows_of_sides
+from elvis.core.arrays import distinct_rows, distinct_sides, rows_by_number, rows_of_sides
 from elvis.core.files.pieces import pieces, substituted
 from elvis.core.shapes import Shape
 from elvis.formats.nektar.composites import composite_ids, parse_tokens
+from elvis.formats.nektar.expansions import _Expansions
 from elvis.formats.nektar.xml import _without_comments
 
 COUNT = 20_000
@@ -77,3 +84,67 @@ def test_sides_of_many_vertices_are_matched():
     elements = np.random.default_rng(2).integers(0, 3, (1000, 4)) << 30
     views = [(elements, (0, 1, 2, 3)), (elements, (3, 1, 2, 0))]
     np.testing.assert_array_equal(distinct_sides(views)[1], np.tile(distinct_rows(elements)[1], 2))
+
+
+def test_rows_are_grouped_by_their_numbers():
+    numbers = np.random.default_rng(2).integers(-3, 9, 500)
+    found = list(rows_by_number(numbers))
+    assert [number for number, _ in found] == np.unique(numbers).tolist()
+    assert all(np.array_equal(rows, np.flatnonzero(numbers == number)) for number, rows in found)
+    assert list(rows_by_number(numbers[:0])) == []
+
+
+def test_expansions_on_composites_are_those_of_their_elements():
+    """Elements of a part of the data may be in several composites, and elements of a composite in several parts."""
+    random = np.random.default_rng(2)
+    parts = [SimpleNamespace(expansion=name, element_ids=random.permutation(900)[:40]) for name in "abcdef"]
+    composites = [SimpleNamespace(id=i, parts=(("A", random.permutation(900)[:15]),)) for i in range(30)]
+    mesh = SimpleNamespace(dimension=3, composites=composites)
+    found = _Expansions(mesh, [SimpleNamespace(parts=parts[:4]), SimpleNamespace(parts=parts[4:])])
+    for one, other in pairwise(composites):
+        elements = np.concatenate([one.parts[0][1], other.parts[0][1]])
+        wanted = [part.expansion for part in parts if np.isin(part.element_ids, elements).any()]
+        assert found.on((one.id, other.id)) == wanted
+
+
+GMF_MESH = """MeshVersionFormatted 2\nDimension 3\nVertices\n5\n0 0 0 0\n1 0 0 0\n0 1 0 0\n0 0 1 0\n1 1 1 0
+Tetrahedra\n2\n1 2 3 4 1\n5 2 3 4 2\nTriangles\n3\n1 2 3 7\n1 2 4 8\n1 3 4 9\nEnd\n"""
+MFEM_MESH = """MFEM mesh v1.0\ndimension\n3\nelements\n2\n1 4 0 1 2 3\n2 4 4 1 2 3
+boundary\n3\n7 2 0 1 2\n8 2 0 1 3\n9 2 0 2 3\nvertices\n5\n3\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 1 1\n"""
+
+
+@pytest.mark.parametrize(("reader", "text"), [(Gmf, GMF_MESH), (Mfem, MFEM_MESH)])
+def test_numbers_name_parts_unless_too_many_differ(tmp_path, monkeypatch, reader, text):
+    path = tmp_path / "a.mesh"
+    path.write_text(text)
+    source = reader([path])
+    assert [own.name for own in source.boundaries] == ["boundary7", "boundary8", "boundary9"]
+    assert len({block.region for block in source.blocks}) == 2
+    assert not source.warnings
+    monkeypatch.setattr("elvis.converters.inputs.MOST_PARTS", 2)
+    assert not reader([path]).boundaries
+    monkeypatch.setattr("elvis.converters.inputs.MOST_PARTS", 1)
+    source = reader([path])
+    assert [block.region for block in source.blocks] == [""]
+    assert sum(map(len, source.blocks)) == 2
+    assert [warning.split(" different")[0] for warning in source.warnings] == ["2", "3"]
+    assert not source.declared.check(source)
+
+
+def test_unreadable_steps_of_a_long_series_are_not_all_tried(tmp_path, monkeypatch):
+    entries = "".join(f'<DataSet timestep="{i}" file="a.vtu"/>' for i in range(300))
+    index = tmp_path / "a.pvd"
+    index.write_text(f'<VTKFile type="Collection"><Collection>{entries}</Collection></VTKFile>')
+    readings = []
+    exists = vtk_files.kind_of
+
+    def counted(path):
+        readings.append(path.name)
+        return exists(path)
+
+    monkeypatch.setattr(vtk_files, "kind_of", counted)
+    vtk_files._files_by_time.cache_clear()
+    with pytest.raises(FormatError, match="none among 100 of 300 steps"):
+        open_series(index).last_readable()
+    assert readings.count("a.vtu") == 100
+    assert vtk_files._files_by_time.cache_info().misses == 1

@@ -15,9 +15,9 @@ import numpy as np
 from elvis.converters.gmf_files import ELEMENTS, GmfFile, Section, is_gmf, section_name, solution_name, type_sizes
 from elvis.converters.gmf_nodes import Bernstein, guessed, is_lattice, unit_points
 from elvis.converters.gmf_nodes import lattice as all_nodes
-from elvis.converters.inputs import check_roles, check_rows
+from elvis.converters.inputs import check_roles, check_rows, excess_of_parts
 from elvis.converters.unit import UNIT, unit_basis
-from elvis.core.arrays import Ints
+from elvis.core.arrays import Ints, distinct, rows_by_number
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Elements, PyramidSpace, Reads
@@ -76,13 +76,19 @@ class Gmf(NodalConverter):
         self.precision = SINGLE if mesh.real_size == 4 else DOUBLE
         dimension = 3 if _sections(mesh, 3) else 2
         parts = _sections(mesh, dimension)
-        self._has_regions = len({r for *_, name in parts for r in mesh.sections[name].integers[:, -1].tolist()}) > 1
+        references = [mesh.sections[name].integers[:, -1] for *_, name in parts]
+        excess = excess_of_parts(references, "references of elements")
+        different = {number for own in references for number in distinct(own).tolist()}
+        self._has_regions = len(different) > 1 and not excess
         for kind, order, name in parts:
             self._read_elements(kind, order, name)
         if not self.blocks:
             raise FormatError("expected elements, found none", file=mesh.path)
-        self.boundaries = self._borders(dimension - 1)
-        self.declared = self._declared(dimension)
+        of_sides = [mesh.sections[name].integers[:, -1] for *_, name in _sections(mesh, dimension - 1)]
+        unnamed = excess_of_parts(of_sides, "references of sides")
+        self.boundaries = [] if unnamed else self._borders(dimension - 1)
+        self.declared = self._declared(dimension, not unnamed)
+        self.warnings = [remark for remark in (excess, unnamed) if remark]
         if solution is not None:
             self._read_solution(solution)
 
@@ -91,14 +97,15 @@ class Gmf(NodalConverter):
         shape, path = _SHAPES[kind], self._mesh.path
         table = self._mesh.sections[name].integers
         nodes, references = table[:, :-1] - 1, table[:, -1]
+        if not self._has_regions:
+            references = np.zeros_like(references)
         check_rows(nodes, len(self._places), "vertices", 1, path, name)
         entries = self._entries(kind, order, name, nodes)
         is_bezier = bool(self._mesh.value("BezierBasis"))
         functions = _functions(shape, order, entries, is_bezier, path, name)
         corners = nearest_nodes(unit_points(shape, entries), order * UNIT[shape].frame)
         start, blocks = sum(map(len, self.blocks)), list(self.blocks)
-        for reference in np.unique(references).tolist():
-            rows = np.flatnonzero(references == reference)
+        for reference, rows in rows_by_number(references):
             block = Elements(
                 shape,
                 len(rows),
@@ -130,29 +137,25 @@ class Gmf(NodalConverter):
         self.notes = [*self.notes, f"no table orders the nodes of {name}: they are matched by position"]
         return found
 
-    def _declared(self, dimension: int) -> Declared:
+    def _declared(self, dimension: int, has_boundaries: bool) -> Declared:
         """Rows of the tables of elements, and rows of one dimension lower by reference."""
+        elements = sum(len(self._mesh.sections[name].integers) for *_, name in _sections(self._mesh, dimension))
         counts: dict[str, int] = {}
-        elements = 0
-        for name, section in self._mesh.sections.items():
-            kind = next((own for own in ELEMENTS for order in _ORDERS if section_name(own, order) == name), None)
-            if kind is not None and ELEMENTS[kind][1] == dimension:
-                elements += len(section.integers)
-            elif kind is not None and ELEMENTS[kind][1] == dimension - 1:
-                for reference in section.integers[:, -1].tolist():
-                    counts[f"boundary{reference}"] = counts.get(f"boundary{reference}", 0) + 1
+        for *_, name in _sections(self._mesh, dimension - 1) if has_boundaries else ():
+            references = self._mesh.sections[name].integers[:, -1]
+            for reference, rows in rows_by_number(references):
+                boundary = f"boundary{reference}"
+                counts[boundary] = counts.get(boundary, 0) + len(rows)
         return Declared(elements, counts)
 
     def _borders(self, dimension: int) -> list[Boundary]:
         """Elements of one dimension less, by reference."""
         found: dict[int, list[Ints]] = {}
-        for kind, (corners, own, _, _) in ELEMENTS.items():
-            for order in _ORDERS:
-                section = self._mesh.sections.get(section_name(kind, order))
-                if own == dimension and section is not None:
-                    for reference in np.unique(section.integers[:, -1]).tolist():
-                        rows = section.integers[section.integers[:, -1] == reference]
-                        found.setdefault(reference, []).append(rows[:, :corners] - 1)
+        for kind, _, name in _sections(self._mesh, dimension):
+            table = self._mesh.sections[name].integers
+            corners = table[:, : ELEMENTS[kind][0]] - 1
+            for reference, rows in rows_by_number(table[:, -1]):
+                found.setdefault(reference, []).append(corners[rows])
         return [Boundary(f"boundary{reference}", vertices=faces) for reference, faces in sorted(found.items())]
 
     def _read_solution(self, file: GmfFile) -> None:
@@ -248,7 +251,7 @@ def _part(values: NodalValues | None, rows: Ints) -> NodalValues | None:
 
 def _sections(mesh: GmfFile, dimension: int) -> list[tuple[str, int, str]]:
     """Kind, order and keyword of the elements of a dimension that a mesh has."""
-    found = [(kind, order, section_name(kind, order)) for kind in _SHAPES for order in _ORDERS]
+    found = [(kind, order, section_name(kind, order)) for kind in ELEMENTS for order in _ORDERS]
     present = [entry for entry in found if ELEMENTS[entry[0]][1] == dimension and entry[2] in mesh.sections]
     return [entry for entry in present if len(mesh.sections[entry[2]].integers)]
 

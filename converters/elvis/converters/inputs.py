@@ -6,12 +6,17 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from elvis.core.arrays import Ints
+import numpy as np
+
+from elvis.core.arrays import Ints, distinct
 from elvis.core.errors import ElvisError, FormatError
 from elvis.plugins.conversion import Option
 
 #: digits that every number of 64 bits may have
 _DIGITS = 18
+
+#: different numbers that name parts of a mesh; each part takes about a millisecond and some kB
+MOST_PARTS = 1 << 16
 
 #: the option of converters of series
 STEP = Option("step", "Step of a series in one file or of its index, counted from 0.  [default: the last]")
@@ -69,3 +74,15 @@ def check_rows(
     if rows.size and not 0 <= rows.min() <= rows.max() < count:
         found = f"{rows.min() + first} to {rows.max() + first}"
         raise FormatError(f"expected {what} {first} to {count - 1 + first}, found {found}", file=file, place=place)
+
+
+def excess_of_parts(numbers: Sequence[Ints], what: str) -> str:
+    """A remark that numbers name no parts of a mesh, since too many of them differ; empty if they do.
+
+    numbers  arrays of numbers, one for each element or side
+    what     noun for the numbers, such as ``references of elements``
+    """
+    found = distinct(np.concatenate([np.empty(0, np.int64), *map(distinct, numbers)]))
+    if len(found) <= MOST_PARTS:
+        return ""
+    return f"{len(found)} different {what} are ignored: at most {MOST_PARTS} name parts of a mesh"

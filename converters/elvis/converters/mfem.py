@@ -6,7 +6,6 @@ order; everything else (NURBS, H(div), H(curl), integral L2) is evaluated by the
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,6 +15,7 @@ import numpy as np
 
 from elvis.converters.apart import BYTES_PER_SECOND, Apart, LibraryError
 from elvis.converters.evaluated import EvaluatedValues
+from elvis.converters.inputs import excess_of_parts
 from elvis.converters.mfem_files import (
     building_seconds,
     check_mesh,
@@ -34,7 +34,7 @@ from elvis.converters.mfem_hanging import SIDES
 from elvis.converters.mfem_pieces import Piece, Source, is_piece, is_stream, pieces
 from elvis.converters.mfem_quadrature import QUADRATURE, QuadratureFunction
 from elvis.converters.unit import UNIT, side_numbers
-from elvis.core.arrays import Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints, distinct_rows, rows_by_number
 from elvis.core.errors import FormatError
 from elvis.core.mesh import PERIODIC
 from elvis.core.shapes import Shape
@@ -121,6 +121,7 @@ class Mfem(NodalConverter):
         stated = [count for count in counts if count is not None]
         self.declared = Declared(sum(stated) if len(stated) == len(counts) else None)
         vertices = _numbered([part.vertices for part in parts])
+        has_boundaries = self._check_attributes(parts)
         self.blocks, values, first = [], [], 0
         for part, numbers in zip(parts, vertices, strict=True):
             for block, rows in part.blocks(numbers, first):
@@ -128,10 +129,19 @@ class Mfem(NodalConverter):
                 values.append([function.on(rows) for function in part.functions])
             first += len(part.attributes)
         self._add_fields(parts, values)
-        self.boundaries = _join(parts, vertices)
+        self.boundaries = _join(parts, vertices) if has_boundaries else []
         if len(parts) == 1 and parts[0].hanging is not None:
             self.mortars, periodic = _sides_of(self.blocks, parts[0].hanging)
             self.boundaries += [Boundary(PERIODIC, sides=periodic)] if periodic else []
+
+    def _check_attributes(self, parts: Sequence[_Part]) -> bool:
+        """Whether attributes of the border name boundaries; those of elements become one where too many differ."""
+        of_elements = excess_of_parts([part.attributes for part in parts], "attributes of elements")
+        of_faces = excess_of_parts([part.face_attributes for part in parts], "attributes of the boundary")
+        self.warnings = [remark for remark in (of_elements, of_faces) if remark]
+        for part in parts if of_elements else ():
+            part.attributes = np.ones_like(part.attributes)
+        return not of_faces
 
     def _add_fields(self, parts: Sequence[_Part], values: Sequence[Sequence[NodalValues]]) -> None:
         """Fields of the functions, whose values on each block are given."""
@@ -201,6 +211,7 @@ class _Part:
         self.is_conforming = found["is_conforming"]
         self.hanging = found["hanging"]
         self._dimension, self._faces = found["dimension"], found["faces"]
+        self.face_attributes = np.asarray(self._faces["attributes"])
         self._corners = _Table(found["corners"])
         self.geometry = _Function(self._asked, 0, found["map"])
         if found["has_nodes"] and "FiniteElementCollection:" in text:
@@ -255,12 +266,13 @@ class _Part:
         if len(regions) == 1 and not self._regions:
             regions = [("",)]
         distinct = sorted(set(regions))
-        of = np.array([distinct.index(names) for names in regions])[np.searchsorted(own, attributes)]
+        places = {names: place for place, names in enumerate(distinct)}
+        of = np.array([places[names] for names in regions])[np.searchsorted(own, attributes)]
         functions = [self.geometry, *self.functions]
         columns = [self._corners.sizes, of, *(each.orders for each in functions)]
         kinds, which = np.unique(np.stack(columns, axis=1), axis=0, return_inverse=True)
-        for number, kind in enumerate(kinds):
-            rows = np.flatnonzero(which.reshape(-1) == number)
+        for number, rows in rows_by_number(which.reshape(-1)):
+            kind = kinds[number]
             shape = self._shape(int(kind[0]))
             region, *others = distinct[kind[1]]
             block = Elements(
@@ -278,12 +290,20 @@ class _Part:
             )
             yield block, rows
 
-    def borders(self, numbers: Ints) -> Iterator[tuple[str, tuple[int, ...]]]:
-        """Name or number of the attribute, and vertices, of every face on the border; ``numbers`` of the vertices."""
-        attributes, vertices = self._faces["attributes"].tolist(), self._faces["vertices"]
-        for attribute, own in zip(attributes, np.split(vertices, self._faces["offsets"][:-1])[1:], strict=True):
-            for name in self._borders.get(attribute, (f"boundary{attribute}",)):
-                yield name, tuple(numbers[own].tolist())
+    def borders(self, numbers: Ints) -> Iterator[tuple[Ints, Ints]]:
+        """Attributes (n,) and vertices (n, k) of the distinct faces on the border, for each number of vertices.
+
+        numbers  (n,) of the vertices, over all parts
+        """
+        offsets, vertices = self._faces["offsets"], self._faces["vertices"]
+        for _, rows in rows_by_number(np.diff(offsets)):
+            corners = np.arange(offsets[rows[0] + 1] - offsets[rows[0]])
+            places = offsets[rows][:, None] + corners
+            yield self.face_attributes[rows], numbers[vertices[places]]
+
+    def border_names(self, attribute: int) -> tuple[str, ...]:
+        """The names of the boundaries that an attribute of faces means."""
+        return self._borders.get(attribute, (f"boundary{attribute}",))
 
 
 def _sides_of(
@@ -316,14 +336,31 @@ def _numbered(places: Sequence[Floats]) -> list[Ints]:
 
 def _join(parts: Sequence[_Part], vertices: Sequence[Ints]) -> list[Boundary]:
     """Faces on the border by name; faces of two parts are inside."""
-    found: dict[str, dict[int, list[tuple[int, ...]]]] = {}
-    faces = [face for part, numbers in zip(parts, vertices, strict=True) for face in set(part.borders(numbers))]
-    held = [{tuple(sorted(face)) for _, face in part.borders(own)} for part, own in zip(parts, vertices, strict=True)]
-    counts = Counter(face for own in held for face in own)
-    for name, face in sorted(faces):
-        if counts[tuple(sorted(face))] == 1 or len(parts) == 1:
-            found.setdefault(name, {}).setdefault(len(face), []).append(face)
-    return [Boundary(n, vertices=[np.array(f, np.int64) for f in of.values()]) for n, of in sorted(found.items())]
+    by_corners: dict[int, list[tuple[_Part, Ints, Ints]]] = {}
+    for part, numbers in zip(parts, vertices, strict=True):
+        for attributes, corners in part.borders(numbers):
+            by_corners.setdefault(corners.shape[1], []).append((part, attributes, corners))
+    found: dict[str, list[Ints]] = {}
+    for alike in by_corners.values():
+        is_inside = _in_several([corners for *_, corners in alike])
+        for (part, attributes, corners), is_shared in zip(alike, is_inside, strict=True):
+            outer = corners[~is_shared]
+            for attribute, rows in rows_by_number(attributes[~is_shared]):
+                for name in part.border_names(attribute):
+                    found.setdefault(name, []).append(outer[rows])
+    return [Boundary(name, vertices=own) for name, own in sorted(found.items())]
+
+
+def _in_several(faces: Sequence[Ints]) -> list[Bools]:
+    """(n,) for each array (n, k) which of its faces other arrays also contain, with the vertices in any order."""
+    counts = [len(own) for own in faces]
+    owner = np.repeat(np.arange(len(faces)), counts)
+    first, which = distinct_rows(np.concatenate(faces))
+    lowest = np.full(len(first), len(faces))
+    highest = np.full(len(first), -1)
+    np.minimum.at(lowest, which, owner)
+    np.maximum.at(highest, which, owner)
+    return np.split((lowest < highest)[which], np.cumsum(counts)[:-1])
 
 
 class _Table:

@@ -116,7 +116,7 @@ class Vtk(NodalConverter):
         """The times of a collection; for files, the first time found."""
         series = [path for path in paths if kind_of(path) == "series"]
         if series:
-            return sorted(files_by_time(series[0]))
+            return list(files_by_time(series[0]))
         if paths and kind_of(paths[0]) == "hdf":
             return times_in(paths[0])
         found = (time_in(path) for path in paths)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 import mmap
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from functools import lru_cache
 from os.path import exists, isfile
 from pathlib import Path
 from typing import Any
@@ -249,8 +250,15 @@ def _named(path: Path) -> list[str]:
     return [name.decode("utf-8", "replace") for name in names]
 
 
-def files_by_time(path: Path) -> dict[float, list[str]]:
-    """The names of the files of each time of a series, which is a collection (.pvd) or a list in JSON (.series)."""
+def files_by_time(path: Path) -> Mapping[float, Sequence[str]]:
+    """The names of the files of each time of a series, ascending: a collection (.pvd) or a list in JSON (.series)."""
+    state = path.stat()
+    return _files_by_time(path, state.st_mtime_ns, state.st_size)
+
+
+@lru_cache(maxsize=1)
+def _files_by_time(path: Path, changed: int, size: int) -> Mapping[float, Sequence[str]]:
+    """`files_by_time` of the only series that is read, again for each of its steps, until the file changes."""
     from xml.etree import ElementTree
 
     found: dict[float, list[str]] = {}
@@ -264,7 +272,7 @@ def files_by_time(path: Path) -> dict[float, list[str]]:
             found.setdefault(float(time), []).append(str(name))
     except (ElementTree.ParseError, ValueError, KeyError, TypeError) as error:
         raise FormatError(f"expected a list of files with their times, found: {error}", file=path) from None
-    return found
+    return dict(sorted(found.items()))
 
 
 def _members(path: Path, step: int) -> tuple[float, list[Path]]:
@@ -272,7 +280,7 @@ def _members(path: Path, step: int) -> tuple[float, list[Path]]:
     listed = files_by_time(path)
     if not listed or any(map(math.isnan, listed)):
         raise FormatError("expected a list of files with their times, found one without", file=path)
-    time = sorted(listed)[checked_step(step, len(listed), path)]
+    time = list(listed)[checked_step(step, len(listed), path)]
     members = [path.parent / name for name in listed[time]]
     for member in members:
         if not kind_of(member):

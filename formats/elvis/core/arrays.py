@@ -5,7 +5,8 @@ Axis convention, everywhere: points are ``(n, d)``, values ``(n,)``, modes ``(n,
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -108,6 +109,15 @@ def groups(keys: NDArray[Any]) -> tuple[Ints, Ints]:
     which = np.empty(len(order), np.int64)
     which[order] = numbers
     return first, which
+
+
+def rows_by_number(numbers: Ints) -> Iterator[tuple[int, Ints]]:
+    """Each distinct number of (n,), ascending, with the rows (k,) that have it, ascending."""
+    order = np.argsort(numbers, kind="stable")
+    ordered = numbers[order]
+    starts = np.flatnonzero(np.concatenate([[True], ordered[1:] != ordered[:-1]])[: len(order)])
+    for start, end in pairwise([*starts.tolist(), len(order)]):
+        yield int(ordered[start]), order[start:end]
 
 
 #: pairs of places to be put in order, by the number of places; Knuth, The Art of Computer Programming 3, 5.3.4

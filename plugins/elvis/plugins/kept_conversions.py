@@ -319,6 +319,7 @@ def _code(name: str) -> str:
     return sha256("".join(digests).encode()).hexdigest() if digests else ""
 
 
+@cache
 def _version(distribution: str) -> str:
     try:
         return version(distribution)

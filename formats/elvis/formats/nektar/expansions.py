@@ -15,9 +15,10 @@ from typing import TypeAlias
 
 import numpy as np
 
+from elvis.core.arrays import Ints, distinct
 from elvis.core.dataset import Dataset, Expansion, ExpansionRule
 from elvis.core.errors import FormatError
-from elvis.core.mesh import Mesh
+from elvis.core.mesh import Composite, Mesh
 from elvis.core.polynomials.bases import Basis
 from elvis.core.shapes import Shape
 from elvis.formats.nektar.composites import composite_ids
@@ -95,6 +96,8 @@ def _counts(texts: tuple[str, ...] | list[str], parameters: Mapping[str, float])
     return tuple(round(value) for value in values)
 
 
+#: elements whose parts of the data are looked up together
+_ELEMENTS_AT_ONCE = 1 << 16
 _DEFAULT_MODES, _DEFAULT_FIELDS = 4, ("u",)
 _BASIS_LABELS = frozenset(basis.label for basis in Basis)
 _KINDS = {Basis.GLL_LAGRANGE: "GLL_LAGRANGE", Basis.GAUSS_LAGRANGE: "GAUSS_LAGRANGE", Basis.ORTHO_A: "ORTHOGONAL"}
@@ -103,18 +106,19 @@ _KINDS = {Basis.GLL_LAGRANGE: "GLL_LAGRANGE", Basis.GAUSS_LAGRANGE: "GAUSS_LAGRA
 def completed_rules(dataset: Dataset, sections: Sequence[OutputSection]) -> tuple[ExpansionRule, ...]:
     """Rules that cover every composite of the domain, for every field, with orders not below the data's."""
     names = tuple(field.name for field in dataset.fields)
+    expansions = _Expansions(dataset.mesh, sections)
     rules: list[ExpansionRule] = []
     for rule in dataset.expansions:
         fields = _completed_fields(rule, names, rules, dataset.expansions)
         if fields or not names:
-            used = _expansions(dataset.mesh, sections, rule.composites)
+            used = expansions.on(rule.composites)
             rules.append(_at_least(replace(rule, fields=fields), max((max(e.modes) for e in used), default=0)))
 
     # composites of the domain without a rule get one
     covered = {composite for rule in rules for composite in rule.composites}
     domain = {composite for composites in dataset.mesh.domains.values() for composite in composites}
     for composite in sorted(domain - covered):
-        used = _expansions(dataset.mesh, sections, (composite,))
+        used = expansions.on((composite,))
         modes = max((max(expansion.modes) for expansion in used), default=_DEFAULT_MODES)
         rules.append(ExpansionRule((composite,), _kind(used), (modes,), names or _DEFAULT_FIELDS))
     return tuple(rules)
@@ -180,10 +184,35 @@ def _kind(expansions: Sequence[Expansion]) -> str:
     return next(iter(kinds)) if len(kinds) == 1 else "MODIFIED"
 
 
-def _expansions(mesh: Mesh, sections: Sequence[OutputSection], composites: tuple[int, ...]) -> list[Expansion]:
-    """The expansions of the data on the elements of some composites."""
-    tags = {shape.tag for shape in Shape.of_dimension(mesh.dimension)}
-    found = [ids for c in mesh.composites if c.id in composites for tag, ids in c.parts if tag in tags]
-    elements = np.concatenate([np.empty(0, np.int64), *found])
-    parts = [part for section in sections for part in section.parts]
-    return [part.expansion for part in parts if np.isin(part.element_ids, elements).any()]
+class _Expansions:
+    """The expansions of data on the elements of composites: elements are sorted once, for all composites."""
+
+    def __init__(self, mesh: Mesh, sections: Sequence[OutputSection]) -> None:
+        self._tags = {shape.tag for shape in Shape.of_dimension(mesh.dimension)}
+        self._composites: dict[int, list[Composite]] = {}
+        for composite in mesh.composites:
+            self._composites.setdefault(composite.id, []).append(composite)
+        parts = [part for section in sections for part in section.parts]
+        self._expansions = [part.expansion for part in parts]
+        ids = np.concatenate([np.empty(0, np.int64), *(part.element_ids for part in parts)])
+        numbers = np.repeat(np.arange(len(parts), dtype=np.int32), [len(part.element_ids) for part in parts])
+        order = np.argsort(ids, kind="stable")
+        self._ids, self._parts = ids[order], numbers[order]
+
+    def on(self, composites: tuple[int, ...]) -> list[Expansion]:
+        """The expansions on the elements of some composites."""
+        chosen = [own for number in dict.fromkeys(composites) for own in self._composites.get(number, ())]
+        elements = [ids for composite in chosen for tag, ids in composite.parts if tag in self._tags]
+        touched: set[int] = set()
+        for ids in elements:
+            for start in range(0, len(ids), _ELEMENTS_AT_ONCE):
+                touched.update(self._parts_with(ids[start : start + _ELEMENTS_AT_ONCE]).tolist())
+        return [self._expansions[number] for number in sorted(touched)]
+
+    def _parts_with(self, elements: Ints) -> Ints:
+        """The numbers of the parts of the data that contain some of the elements."""
+        first, last = (np.searchsorted(self._ids, elements, side) for side in ("left", "right"))
+        counts = last - first
+        # the places from first to last of each element, one element after the other
+        places = np.repeat(last - np.cumsum(counts), counts) + np.arange(int(counts.sum()))
+        return distinct(self._parts[places])

@@ -10,6 +10,7 @@ from itertools import count
 import numpy as np
 
 from elvis.core.arrays import Ints, distinct_sides, frozen_ints
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.mesh import PERIODIC, Composite, Mesh
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import Boundary, Converter
@@ -54,7 +55,8 @@ def composites(
     """
     # the source's own numbers of boundaries are the ids of their composites; all others get the remaining ids
     own = _own_numbers(source.boundaries)
-    free = (number for number in count() if number not in own.values())
+    taken = frozenset(own.values())
+    free = (number for number in count() if number not in taken)
     domain = [Composite(next(free), ((shape.tag, frozen_ints(ids)),), name) for shape, name, ids in _regions(blocks)]
 
     # the boundaries that the source names
@@ -140,7 +142,7 @@ def _boundary_rows(boundary: Boundary, mesh: Mesh, blocks: Sequence[NativeBlock]
 
 def _mesh_rows(mesh: Mesh, block: NativeBlock, rows: Ints, sides: Ints) -> Ints:
     """Rows of the sides of elements ``rows`` (n,) of the source's block; ``sides`` (n,) in its local numbers."""
-    table = _native_sides(block)
+    table = _native_sides(block.source.shape, block.is_mirrored)
     native = table[block.order[rows], sides]
     members = mesh.of(block.shape).members[block.mesh_rows[rows]]
     return np.asarray(members[np.arange(len(rows)), native])
@@ -153,14 +155,15 @@ def local_sides(shape: Shape) -> tuple[tuple[int, ...], ...]:
     return shape.edges if shape.dimension == 2 else ((0,), (1,))
 
 
-def _native_sides(block: NativeBlock) -> Ints:
+@bounded_cache
+def _native_sides(shape: Shape, is_mirrored: bool) -> Ints:
     """(orders, sides) the native local side that each side of the source's element becomes."""
-    sides = [set(side) for side in local_sides(block.source.shape)]
+    sides = [set(side) for side in local_sides(shape)]
     table = []
-    for order in orders(block.source.shape, block.is_mirrored):
+    for order in orders(shape, is_mirrored):
         native = [{order.index(vertex) for vertex in side} for side in sides]
         table.append([sides.index(side) for side in native])
-    return np.array(table)
+    return frozen_ints(table)
 
 
 def _outer_sides(blocks: Sequence[NativeBlock], vertices: Sequence[Ints]) -> Iterator[tuple[int, Ints, Ints]]:

@@ -137,7 +137,7 @@ def _listed(paths: Sequence[Path], times: Sequence[float]) -> Found:
     """Steps by the times that files list, without missing ones."""
     steps = [Step(time, option=number) for number, time in enumerate(times)]
     lacking = [number for number, time in enumerate(times) if not isfinite(time)]
-    found = Found(tuple(paths), [step for step in steps if step.option not in lacking])
+    found = Found(tuple(paths), [step for step, time in zip(steps, times, strict=True) if isfinite(time)])
     if lacking:
         some = f"steps {lacking[0]} to {lacking[-1]}" if len(lacking) > 1 else f"step {lacking[0]}"
         counts = f"{len(lacking)} of {len(steps)} steps are missing or damaged, and skipped"

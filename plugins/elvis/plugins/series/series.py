@@ -47,6 +47,8 @@ if TYPE_CHECKING:
 
 #: minimum number of steps kept in memory: one and the next; more if the interpolation needs them
 _KEPT = 2
+#: unreadable steps after which a series without a readable one is given up
+_MOST_DAMAGED = 100
 #: no step and no time is requested
 LAST = Moment()
 
@@ -348,13 +350,17 @@ class Series(Sequence[Dataset]):
         for number in range(len(self)):
             if not (self.fault(number) or self._lack(number)):
                 yield number
-        self.check_readable()
+            self.check_readable()
 
     def check_readable(self) -> None:
-        """FormatError where all steps are known to be skipped."""
-        if len(self._passed_over) == len(self):
-            first = f"none from {self.steps[0].name} on: {self._passed_over[0]}"
-            raise FormatError(f"expected a step that can be read, found {first}")
+        """FormatError if all steps are known to be skipped, or many of them and none was read so far."""
+        skipped = len(self._passed_over)
+        if skipped == len(self) or (skipped >= _MOST_DAMAGED and not self._kept):
+            number = min(self._passed_over)
+            found = f"none from {self.steps[number].name} on"
+            if skipped < len(self):
+                found = f"none among {skipped} of {len(self)} steps"
+            raise FormatError(f"expected a step that can be read, found {found}: {self._passed_over[number]}")
 
     def _told(self, dataset: Dataset, notes: Sequence[str]) -> Dataset:
         told = replace(dataset, remarks=tuple(dict.fromkeys((*dataset.remarks, *self.remarks, *notes))))
