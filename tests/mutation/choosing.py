@@ -66,7 +66,7 @@ class Imports:
     def _names(self, path: Path) -> set[Path]:
         text = path.read_text(encoding="utf-8")
         if path.suffix == ".slang":
-            stems = re.findall(r"^\s*(?:import|__include|implementing)\s+\"?([\w.]+)\"?;", text, re.M)
+            stems = re.findall(r"^\s*(?:(?:__exported\s+)?import|__include|implementing)\s+\"?([\w.]+)\"?;", text, re.M)
             return {self._kernels[stem] for stem in stems if stem in self._kernels}
         # by name, as imports of Slang texts, or with the name of a shape behind a prefix
         stems = re.findall(r"[\"'](\w+)(?:\.slang)?[\"']", text) + re.findall(r"\bimport (\w+);", text)

@@ -15,6 +15,10 @@ def test_every_kernel_has_tests_near():
     assert len(kernels) > 50
     assert not [path.name for path in kernels if not imports.tests_near(path)]
 
+    # modules that export what they import pass it on
+    (exported,) = [path for path in kernels if path.name == "discs.slang"]
+    assert {"enclosures", "iso_enclose", "iso_series", "iso_follow"} <= imports.kernels_including(exported)
+
 
 def test_limits_are_seconds_of_the_processor():
     waiting = run_within([sys.executable, "-c", "import time; time.sleep(1.2); print(7)"], limit=1.0)
