@@ -141,7 +141,30 @@ def curves_of(solids, rng, count=8):
     return u, places, speeds, np.broadcast_to(second[:, :, None], speeds.shape)
 
 
+def part_of(solids):
+    """What is known of tubes, and whether they may bend too much, as the kernel's comments derive it."""
+    half, turn, rate = solids.half, solids.turn, np.linalg.norm(solids.growth, axis=1)
+    change = turn * half
+    at, velocity = solids.at[:, :2], solids.speed[:, :2]
+    across, speed = np.linalg.norm(velocity, axis=1), np.linalg.norm(solids.speed, axis=1)
+    farthest, narrower, slack = solids.widths_within()
+    greatest = solids.radius + narrower + slack
+    nearest = np.linalg.norm(at + clamped(solids)[:, None] * velocity, axis=1) - change * half / 2
+    slow = across - change
+    with np.errstate(divide="ignore", invalid="ignore"):
+        beside = np.abs(at[:, 0] * velocity[:, 1] - at[:, 1] * velocity[:, 0]) / across + change * half / 2
+        away = (beside + greatest * rate * speed / slow) / (1 - change / slow)
+        against = away * turn + rate**2 * (speed + change) ** 2 + greatest * rate * turn
+        is_single = (farthest < solids.radius - narrower - slack) | (slow > 2 * change) & (slow**2 > against)
+    bends = np.maximum(speed - change, 0) ** 2 * (1 - rate**2) <= greatest * (1 + rate) * turn
+    is_aside = nearest > greatest
+    return np.where(is_aside, ASIDE, np.where(is_single, SINGLE, SINGLE + 1)), bends & ~is_aside
+
+
 def test_parts_of_tubes_are_missed_or_met_once(solids, found):
+    kind, may_bend = part_of(solids)
+    assert np.array_equal(found["part"], kind)
+    assert np.array_equal(found["bends"] > 0, may_bend)
     _, places, speeds, turns = curves_of(solids, np.random.default_rng(1))
     growth = solids.growth[:, None]
     radius = solids.radius[:, None] + ((places - solids.at[:, None]) * growth).sum(axis=-1)
