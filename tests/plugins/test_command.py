@@ -198,6 +198,11 @@ def test_an_interrupt_gives_one_line_at_every_point(interrupted, how, said):
     assert said.startswith(out)
 
 
+def test_after_an_interrupt_files_are_closed_but_no_objects_destroyed(interrupted):
+    status, out, err = interrupted("wait", "library")
+    assert (status, out, err.strip()) == (130, "closed\n", "elvis: error: interrupted")
+
+
 def test_an_interrupt_leaves_no_scratch_folder(interrupted, tmp_path, monkeypatch):
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     status, _, err = interrupted("wait", "folder")

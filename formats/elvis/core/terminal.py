@@ -137,7 +137,8 @@ def tell(kind: str, sentence: str) -> None:
     line = one_line(sentence)
     if _told is not None and len(_told) < MAX_TOLD:
         _told[kind, line] = None
-    print(f"elvis: {kind}:", line, file=sys.stderr)
+    # in one piece: an interrupt leaves no half of it
+    print(f"elvis: {kind}: {line}\n", end="", file=sys.stderr)
 
 
 #: kinds and messages that this process has printed, in order; None in a process without ranks

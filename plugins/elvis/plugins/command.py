@@ -15,6 +15,7 @@ import sys
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from typing import NoReturn
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -40,7 +41,28 @@ def main(arguments: Sequence[str] | None = None) -> None:
         except KeyboardInterrupt:
             print("elvis: error: interrupted", file=sys.stderr)
             status = INTERRUPTED
+    if is_process and status == INTERRUPTED:
+        _leave(status)
     sys.exit(status)
+
+
+def _leave(status: int) -> NoReturn:
+    """End the process as Python does, but destroy no objects.
+
+    An interrupt leaves objects of libraries in C half made, or in use by a thread; destroying them may crash.
+    """
+    import atexit
+    import threading
+    from contextlib import suppress
+
+    with suppress(Exception):
+        threading._shutdown()  # type: ignore[attr-defined]  # waits for threads, as at each end
+    with suppress(Exception):
+        atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(Exception):
+            stream.flush()
+    os._exit(status)
 
 
 def _open_closed_streams() -> None:

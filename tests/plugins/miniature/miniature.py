@@ -77,6 +77,8 @@ def wait(how):
         _start_slowly()
     elif how == "folder":
         _remove_slowly()
+    elif how == "library":
+        _keep_until_the_end()
     elif how == "translated":
         try:
             click.echo("waiting")
@@ -84,6 +86,23 @@ def wait(how):
         except KeyboardInterrupt:
             raise RuntimeError("the library has an error of its own") from None
     click.echo("done")
+    time.sleep(60)
+
+
+def _keep_until_the_end():
+    """Have an object that is destroyed when Python ends, and something to do before that."""
+    import atexit
+    import os
+    import sys
+    import time
+
+    class Held:
+        def __del__(self, write=os.write):
+            write(1, b"destroyed\n")
+
+    sys.held = Held()
+    atexit.register(os.write, 1, b"closed\n")
+    click.echo("waiting")
     time.sleep(60)
 
 
