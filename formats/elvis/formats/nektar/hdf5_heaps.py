@@ -8,7 +8,6 @@ III.E (Global Heap) and II.A (Superblock).
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
@@ -19,7 +18,6 @@ from elvis.core.errors import FormatError
 
 _GLOBAL = b"GCOL\x01\x00\x00\x00"
 _LOCAL = b"HEAP\x00\x00\x00\x00"
-_SIGNATURES = re.compile(b"|".join(map(re.escape, (_GLOBAL, _LOCAL))))
 _SIGNATURE_LENGTH = 8
 _HEAP_HEADER, _LEAST_HEAP, _HEAP_STEP = 16, 4096, 1 << 20
 #: free blocks of all local heaps of a file, which take a second to follow; each takes 16 bytes of it
@@ -102,14 +100,22 @@ def _heaps(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
     file.seek(0)
     base, block = 0, file.read(_HEAP_STEP)
     while len(block) >= _SIGNATURE_LENGTH:
-        for found in _SIGNATURES.finditer(block):
-            yield base + found.start(), found.group()
+        found = [(place, own) for own in (_GLOBAL, _LOCAL) for place in _places(block, own)]
+        yield from ((base + place, own) for place, own in sorted(found))
 
         # a signature may lie across two blocks
         kept = block[1 - _SIGNATURE_LENGTH :]
         base, block = base + len(block) - len(kept), kept + file.read(_HEAP_STEP)
         if len(block) == len(kept):
             return
+
+
+def _places(block: bytes, part: bytes) -> Iterator[int]:
+    """Where a part begins in a block; `bytes.find` is several times faster than a regular expression."""
+    place = block.find(part)
+    while place >= 0:
+        yield place
+        place = block.find(part, place + len(part))
 
 
 def _is_filled(objects: bytes) -> bool:
