@@ -227,6 +227,25 @@ def test_damaged_conversions_are_moved_aside_and_regenerated(home, case, damage)
     assert asked(path) == (value, (), 0)
 
 
+def test_long_files_lie_beside_a_cached_conversion_and_are_checked(home, case, monkeypatch):
+    monkeypatch.setattr(kept_conversions, "_MAPPED", -1)
+    path = case(slope=3)
+    value = asked(path)[0]
+    (file,) = home.glob("*.fld.conversion")
+    whole = file.read_bytes()
+    assert asked(path) == (value, (), 0)
+
+    file.write_bytes(whole[:-1] + bytes([whole[-1] ^ 4]))
+    remark = f"a cached conversion in {home} is damaged: it was moved aside, and the conversion repeated"
+    assert asked(path) == (value, (remark,), 1)
+    assert (file.read_bytes(), file.with_suffix(".damaged").exists()) == (whole, True)
+
+    # of what was evicted, only the file itself is missing
+    file.unlink()
+    assert asked(path) == (value, (), 1)
+    assert asked(path) == (value, (), 0)
+
+
 @pytest.mark.parametrize("place", ["a file", "a device", "a full disk", "no home"])
 def test_conversion_works_without_a_writable_cache(case, tmp_path, monkeypatch, place):
     path = case(slope=3)

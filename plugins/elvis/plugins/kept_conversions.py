@@ -2,7 +2,7 @@
 
 The cache contains the native files that `elvis convert --format hdf5` would write, which are read and written faster
 than packed ones, and results always come from these files: so a picture is the same whether the data were converted
-now, earlier, or by hand.
+now, earlier, or by hand.  Long files lie next to the others in the cache, so that they are mapped where they are.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from hashlib import sha256
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from shutil import copyfile
 from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO
 
@@ -77,17 +78,22 @@ class _Result:
         """Bytes of the files."""
         return sum(path.stat().st_size for path in self.files)
 
-    def packed(self) -> tuple[bytes | Path, ...]:
-        """All of it in parts: the length of a head, the head, which is JSON, and the files one after another."""
-        sizes = {path.name: path.stat().st_size for path in self.files}
+    def keep(self, store: Store, key: bytes) -> None:
+        """Store all of it: the length of a head, the head, which is JSON, and the short files one after another.
+
+        Long files lie beside that.  Raises OSError if that can't be.
+        """
+        sizes = {path: path.stat().st_size for path in self.files}
+        short = [path for path in self.files if sizes[path] <= _MAPPED]
         about = {
-            "files": sizes,
+            "files": {path.name: sizes[path] for path in short},
+            "beside": {path.name: store.write_beside(key, path) for path in self.files if path not in short},
             "keys": list(self.keys),
             "further_files": dict(self.further_files),
             "remarks": list(self.remarks),
         }
         head = json.dumps(about).encode()
-        return len(head).to_bytes(_LENGTH, "little"), head, *self.files
+        store.write(key, len(head).to_bytes(_LENGTH, "little"), head, *short)
 
     def dataset(self) -> Dataset:
         """The dataset in the files; large files are mapped, so that only the parts in use take memory."""
@@ -97,12 +103,14 @@ class _Result:
 
 @dataclass(frozen=True)
 class _Head:
-    """The header of a conversion in the cache; its files follow.
+    """The header of a conversion in the cache; its short files follow.
 
-    sizes  bytes of the files by name; all else as in `_Result`
+    sizes   bytes of the short files by name
+    beside  checksums of the long files by name; all else as in `_Result`
     """
 
     sizes: Mapping[str, int]
+    beside: Mapping[str, str]
     keys: Sequence[str]
     further_files: Mapping[str, str]
     remarks: Sequence[str]
@@ -111,16 +119,24 @@ class _Head:
     def read(cls, file: BinaryIO) -> _Head:
         """The head of packed content, and the file at the first of its files."""
         head = json.loads(file.read(int.from_bytes(file.read(_LENGTH), "little")))
-        return cls(head["files"], head["keys"], head["further_files"], head["remarks"])
+        return cls(head["files"], head["beside"], head["keys"], head["further_files"], head["remarks"])
 
-    def unpacked(self, file: BinaryIO, folder: Path) -> _Result:
-        """The result with its files in a folder."""
+    def unpacked(self, file: BinaryIO, folder: Path, long: Mapping[str, Path]) -> _Result:
+        """The result with its short files in a folder, and with links there to the long ones."""
         paths = []
         for name, size in self.sizes.items():
             path = folder / Path(name).name
             with path.open("wb") as copy:
                 for first in range(0, size, _PART):
                     copy.write(file.read(min(_PART, size - first)))
+            paths.append(path)
+        for name, target in long.items():
+            path = folder / Path(name).name
+            try:
+                path.symlink_to(target)
+            except OSError:
+                # not every system allows links
+                copyfile(target, path)
             paths.append(path)
         return _Result(paths, self.keys, self.further_files, self.remarks)
 
@@ -192,29 +208,43 @@ def _written(work: Work, is_kept: bool, folder: Path) -> _Written | None:
 
 def _find(store: Store, key: bytes, paths: Sequence[Path], remarks: list[str]) -> Dataset | None:
     """The cached dataset, if it is valid and none of its inputs has changed."""
-    path = store.place(key)
+    path, dataset = store.place(key), None
     try:
         with store.opened(path) as entry:
-            if entry is None:
-                remarks.append(
-                    f"a cached conversion in {store.folder} is damaged: it was moved aside, and the conversion repeated"
-                )
-                return None
-            dataset = _unpacked(entry[1], paths[0].parent) if entry[0] == key else None
+            dataset = _unpacked(entry[1], store, key, paths[0].parent) if entry and entry[0] == key else None
+    except _DamagedError:
+        entry = None
     except OSError:
         return None
-    if dataset is not None:
+    if entry is None:
+        remarks.append(
+            f"a cached conversion in {store.folder} is damaged: it was moved aside, and the conversion repeated"
+        )
+    elif dataset is not None:
         store.note_use(path)
     return dataset
 
 
-def _unpacked(file: BinaryIO, source: Path) -> Dataset | None:
+class _DamagedError(Exception):
+    """A file of a cached conversion isn't as it was written."""
+
+
+def _unpacked(file: BinaryIO, store: Store, key: bytes, source: Path) -> Dataset | None:
     """The dataset in the packed content of a file; None if further files, relative to a folder, have changed."""
     head = _Head.read(file)
     if _digests([source / name for name in head.further_files]) != list(head.further_files.values()):
         return None
+    long = {}
+    for name, checksum in head.beside.items():
+        found = store.found_beside(key, name, checksum)
+        if found is None:
+            raise _DamagedError
+        long[name] = found
     with TemporaryDirectory(prefix="elvis-") as folder:
-        return head.unpacked(file, Path(folder)).dataset()
+        dataset = head.unpacked(file, Path(folder), long).dataset()
+    for path in long.values():
+        store.note_use(path)
+    return dataset
 
 
 def _convert(work: Work, keep: Callable[[_Result], None] | None = None) -> Dataset:
@@ -274,7 +304,7 @@ def _keep(store: Store, key: bytes, result: _Result, remarks: list[str]) -> None
     try:
         if result.size > store.most:
             return
-        store.write(key, *result.packed())
+        result.keep(store, key)
     except OSError as error:
         remarks.append(f"conversions can't be cached in {store.folder}: {error.strerror or error}")
         return

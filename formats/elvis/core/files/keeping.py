@@ -10,10 +10,10 @@ from __future__ import annotations
 import os
 import stat
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from hashlib import sha256
+from hashlib import file_digest, sha256
 from itertools import chain
 from pathlib import Path
 from typing import BinaryIO
@@ -70,6 +70,31 @@ def _blocks(part: bytes | Path) -> Iterator[bytes]:
             yield block
 
 
+def _copied(parts: Iterable[bytes | Path], file: BinaryIO) -> bytes:
+    """Write parts one after another; the SHA-256 of all."""
+    total = sha256()
+    for block in chain.from_iterable(map(_blocks, parts)):
+        total.update(block)
+        file.write(block)
+    return total.digest()
+
+
+def _check_own(path: Path) -> int:
+    """The size of a regular file of this user or of the system's; OSError for any other."""
+    about = os.stat(path)
+    if not stat.S_ISREG(about.st_mode):
+        raise OSError(f"{path} is not a regular file")
+    if hasattr(os, "geteuid") and about.st_uid not in (os.geteuid(), 0):
+        raise OSError(f"{path} belongs to another user")
+    return about.st_size
+
+
+def _set_aside(path: Path) -> None:
+    """Give a damaged file another name."""
+    with suppress(OSError):
+        path.replace(path.with_suffix(_DAMAGED))
+
+
 @dataclass(frozen=True)
 class Store:
     """The cached results of one kind in a folder, which need not exist.
@@ -96,25 +121,53 @@ class Store:
 
         content  in parts, one after another: bytes, or files whose bytes are copied
         """
-        make_private(self.folder)
         path = self.place(key)
-        beside = self.folder / f"{path.stem}.{os.getpid()}.{os.urandom(3).hex()}"
         parts = (len(key).to_bytes(_LENGTH, "little"), key, *content)
-        total = sha256()
+        with self._replacing(path) as file:
+            file.write(self.mark + bytes(_CHECKSUM))
+            total = _copied(parts, file)
+            file.seek(len(self.mark))
+            file.write(total)
+        return path
+
+    def write_beside(self, key: bytes, source: Path) -> str:
+        """Keep a copy of a file next to a result, so that it can be mapped; its SHA-256, which the result has to hold.
+
+        Raises OSError if that can't be.
+        """
+        with self._replacing(self.place_beside(key, source.name)) as file:
+            return _copied([source], file).hex()
+
+    def place_beside(self, key: bytes, name: str) -> Path:
+        """The file of this name next to the result with this key."""
+        return self.folder / f"{self.place(key).stem}-{name}.{self.kind}"
+
+    def found_beside(self, key: bytes, name: str, checksum: str) -> Path | None:
+        """That file; None if it isn't as it was written, then it is set aside.
+
+        Raises OSError as `read` does.
+        """
+        path = self.place_beside(key, name)
+        _check_own(path)
+        with path.open("rb") as file:
+            is_whole = file_digest(file, "sha256").hexdigest() == checksum
+        if not is_whole:
+            _set_aside(path)
+        return path if is_whole else None
+
+    @contextmanager
+    def _replacing(self, path: Path) -> Iterator[BinaryIO]:
+        """A file to be written that takes this name at the end of the block; none is left after an error."""
+        make_private(self.folder)
+        beside = self.folder / f"{path.stem}.{os.getpid()}.{os.urandom(3).hex()}"
         try:
             with beside.open("wb") as file:
-                file.write(self.mark + bytes(_CHECKSUM))
-                for block in chain.from_iterable(map(_blocks, parts)):
-                    total.update(block)
-                    file.write(block)
-                file.seek(len(self.mark))
-                file.write(total.digest())
+                yield file
             beside.replace(path)
         except OSError:
             with suppress(OSError):
                 beside.unlink()
             raise
-        return path
 
     def read(self, path: Path) -> tuple[bytes, bytes] | None:
         """Key and content of a file; None if it isn't as it was written, then it is set aside.
@@ -127,17 +180,12 @@ class Store:
     @contextmanager
     def opened(self, path: Path) -> Iterator[tuple[bytes, BinaryIO] | None]:
         """As `read`, with the file at the beginning of its content instead of the content."""
-        about = os.stat(path)
-        if not stat.S_ISREG(about.st_mode):
-            raise OSError(f"{path} is not a regular file")
-        if hasattr(os, "geteuid") and about.st_uid not in (os.geteuid(), 0):
-            raise OSError(f"{path} belongs to another user")
+        size = _check_own(path)
         with open(path, "rb") as file:
-            entry = self.parsed(file) if about.st_size <= 2 * self.most else None
+            entry = self.parsed(file) if size <= 2 * self.most else None
             yield entry
         if entry is None:
-            with suppress(OSError):
-                path.replace(path.with_suffix(_DAMAGED))
+            _set_aside(path)
 
     def parsed(self, file: BinaryIO) -> tuple[bytes, BinaryIO] | None:
         """The key in a file, and the file at the beginning of its content; None if it isn't as it was written."""
