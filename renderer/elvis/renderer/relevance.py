@@ -26,7 +26,7 @@ from elvis.core.quantities import Expression
 from elvis.core.quantities.bounding import deciding_elements
 from elvis.core.validity.validity import ValidityStatus, validity
 from elvis.plugins.faces import faces_of
-from elvis.plugins.native.buffers import by_affinity
+from elvis.plugins.native.buffers import by_affinity, placed
 from elvis.plugins.serving import volume_of
 from elvis.plugins.volume import Part, Quantity, Volume
 from elvis.renderer.passes.solids.hits import triangles
@@ -101,8 +101,17 @@ class Relevance:
         """Whether an expression looks beyond an element."""
         return not all(Expression.of(self.dataset, text).is_local for text in self.texts)
 
+    @property
+    def is_by_boxes(self) -> bool:
+        """Whether boxes decide everything: there are only cuts by given surfaces, and no ranges over all data."""
+        every = self.scene.every_object
+        is_cut = all(isinstance(item, CutSurface) and not isinstance(item.surface, Implicit) for item in every)
+        return bool(every) and is_cut and not (self._names_of_ends or self.scene.shows_domain)
+
     @cached_property
     def _volume(self) -> Volume:
+        if self.is_by_boxes:
+            return placed(self.dataset, Expression.of(self.dataset, self.texts[0]))
         return volume_of(self.dataset, self.texts)
 
     def ids(self) -> Ints:

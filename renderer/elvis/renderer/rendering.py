@@ -39,6 +39,7 @@ from elvis.renderer.element_samples import sample_elements
 from elvis.renderer.flow_stage import Made
 from elvis.renderer.frame_notes import note, remarks_on_conversion, remarks_on_derived
 from elvis.renderer.ghosts import Ghosts, check_ghosts
+from elvis.renderer.near_cuts import NearCuts
 from elvis.renderer.other_data import OtherData
 from elvis.renderer.outlined_frame import with_surroundings
 from elvis.renderer.parts import RankPart
@@ -131,6 +132,7 @@ class Pictures:
         self._ghosts: dict[str, Dataset] = {}
         self._copies: Copies | None = None
         self._remarks: Sequence[str] = ()
+        self._near = NearCuts()
         self._take(data)
 
     def __enter__(self) -> Pictures:
@@ -233,7 +235,7 @@ class Pictures:
     def _in_bricks(self, data: Dataset | PluginData, scene: Scene) -> Dataset | PluginData:
         """The elements that a picture depends on, where there is a limit of memory, or where data come in bricks."""
         if scene.memory is None and self._bricks is None:
-            return data
+            return self._near_cuts_in(data, scene)
         if isinstance(data, PluginData):
             raise SceneError(
                 f"memory: data opened by the plugin {data.name} cannot be read in bricks: remove this setting"
@@ -243,6 +245,14 @@ class Pictures:
         if found is not self._drawn:
             self._drawn, self._quantities = found, ()
         return timed(found, scene.time)
+
+    def _near_cuts_in(self, data: Dataset | PluginData, scene: Scene) -> Dataset | PluginData:
+        """The elements that a picture of large data depends on, if these are few and it is the first one; else all."""
+        is_here = isinstance(data, Dataset) and self._part is None and other_device(self.device) is None
+        found = self._near.elements(data, scene) if is_here and isinstance(data, Dataset) else None
+        if found is not self._drawn:
+            self._drawn, self._quantities = found, ()
+        return data if found is None else timed(found, scene.time)
 
     def _of_ranks(self, part: RankPart, scene: Scene) -> Dataset:
         """The elements that this rank's rows of a picture depend on; the renderer knows which rows."""

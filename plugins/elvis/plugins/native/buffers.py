@@ -13,6 +13,7 @@ import numpy as np
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.geometry import kept
+from elvis.core.mapping.boxes import element_boxes
 from elvis.core.patch import Patch, patches
 from elvis.core.picturing import Kind
 from elvis.core.polynomials.bernstein import BernsteinSpace
@@ -69,6 +70,14 @@ class NativeVolume:
         if dimension == 2 and Kind.of(dataset) is Kind.SURFACE:
             parts = [_in_space(part) for part in parts]
         return NativeVolume(dimension, parts)
+
+
+def placed(dataset: Dataset, expression: Expression) -> NativeVolume:
+    """The elements that carry a quantity, with ids and boxes only: those of one kind make a part."""
+    carried = expression.fields
+    found = [patch for patch in patches(dataset, carried) if all(own is not None for own in patch.fields)]
+    parts = [Part("", "", patch.element_ids, element_boxes(patch), {}) for patch in found]
+    return NativeVolume(_dimension(dataset, found), parts)
 
 
 def stacks(found: Sequence[Patch], evaluator: Evaluator, names: tuple[str, ...]) -> Iterator[tuple[Part, list[Patch]]]:

@@ -1,0 +1,63 @@
+"""Large data of which a first picture loads only the elements that its cuts may show.
+
+A cut of n elements meets some n^(2/3) of them.  Boxes of elements are found several times faster than all that kernels
+need of them, so a single picture takes a fraction of the time and the memory.  Whoever draws another cut probably draws
+more: all elements are loaded for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import replace
+from operator import is_
+
+from elvis.core.dataset import Dataset
+from elvis.core.portions.portion import Portion, is_even, knows_inner_sides
+from elvis.renderer.parts import beside, drawable, is_local, whole_scene
+from elvis.renderer.relevance import Relevance
+from elvis.scene import Scene
+
+#: bytes of coefficients from which on data are large
+LARGE = 1 << 27
+
+
+class NearCuts:
+    """The elements that the first picture depends on, if cuts decide."""
+
+    def __init__(self) -> None:
+        #: what the first picture was drawn of, what its elements depend on, and these, None for all
+        self._first: tuple[tuple[object, ...], Hashable, Dataset | None] | None = None
+
+    def elements(self, dataset: Dataset, scene: Scene) -> Dataset | None:
+        """The elements for a picture, the same object if another camera shows the same ones; None for all."""
+        source = dataset.mesh, *dataset.fields
+        if self._first is not None and self._first[2] is None:
+            return None
+        if not _is_large(dataset) or scene.copies or dataset.others:
+            self._first = source, None, None
+            return None
+        relevance = Relevance(dataset, whole_scene(dataset, scene))
+        key = relevance.decided_by, relevance.shown_by
+        if self._first is None:
+            self._first = source, key, _few(dataset, relevance)
+        known, known_key, found = self._first
+        is_same = len(known) == len(source) and all(map(is_, known, source)) and known_key == key
+        if not is_same:
+            self._first = known, None, None
+        return found if is_same else None
+
+
+def _is_large(dataset: Dataset) -> bool:
+    """Whether loading all of a dataset takes seconds."""
+    return sum(block.coefficients.nbytes for own in dataset.fields for block in own.blocks) >= LARGE
+
+
+def _few(dataset: Dataset, relevance: Relevance) -> Dataset | None:
+    """The elements that a picture depends on; None if boxes don't decide, or there are no less."""
+    is_known = knows_inner_sides(dataset) and is_local(dataset, is_even(dataset), [relevance.scene])
+    if not is_known or not relevance.is_by_boxes:
+        return None
+    ids = relevance.ids()
+    if 2 * len(ids) > dataset.mesh.count:
+        return None
+    return replace(drawable(Portion.whole(dataset).of(ids)), **beside(dataset))
