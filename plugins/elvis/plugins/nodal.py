@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from math import factorial
+from math import factorial, prod
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,8 @@ from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.collapse import collapse
 from elvis.core.polynomials.expansion import mode_count, values
 from elvis.core.polynomials.jacobi import jacobi
-from elvis.core.shapes import Shape
+from elvis.core.polynomials.kronecker import Lattice, RowMap
+from elvis.core.shapes import TENSOR, Shape
 from elvis.plugins.conversion import Converter, Elements, PyramidSpace, SourceField
 from elvis.plugins.projection.frames import affine_between
 
@@ -35,7 +36,7 @@ _XYZ = "xyz"
 _WORST_CONDITION = 1e10
 
 #: values of functions that are retained, all points together
-_MOST_KEPT = 1 << 18
+_MOST_KEPT = 1 << 21
 
 _LEGENDRE = Basis.ORTHO_A
 _ORTHONORMAL = {
@@ -107,20 +108,29 @@ class ShapeFunctions(ABC):
 
         A few tables are retained, for the steps of a solver have the same points.
         """
+        return self.to_points(points).matrix.T
+
+    def to_points(self, points: Floats) -> RowMap:
+        """The map from values (..., n_nodes) at the nodes to those (..., n) at reference points (n, d)."""
         own = np.asarray(points, np.float64)
         key = own.tobytes()
-        if key not in self._tables:
+        if key not in self._maps:
             table = frozen_floats(self.tabulate(own))
             room = _MOST_KEPT - table.size
-            while self._tables and sum(kept.size for kept in self._tables.values()) > room:
-                del self._tables[next(iter(self._tables))]
-            self._tables[key] = table
-        return self._tables[key]
+            while self._maps and sum(kept.matrix.size for kept in self._maps.values()) > room:
+                del self._maps[next(iter(self._maps))]
+            self._maps[key] = RowMap(table.T, self.lattice, None if self.lattice is None else Lattice.of(own))
+        return self._maps[key]
 
     @cached_property
-    def _tables(self) -> dict[bytes, Floats]:
-        """Tables, by points."""
+    def _maps(self) -> dict[bytes, RowMap]:
+        """Maps to points, by these."""
         return {}
+
+    @property
+    def lattice(self) -> Lattice | None:
+        """The lattice that the nodes form, if the functions are products of functions of its lines; None else."""
+        return None
 
     @abstractmethod
     def tabulate(self, points: Floats) -> Floats:
@@ -144,6 +154,12 @@ class NodalBasis(ShapeFunctions):
         if not np.linalg.cond(vandermonde) < _WORST_CONDITION:
             raise ElvisError(f"expected nodes that determine a {shape.label.lower()} of order {order}")
         self._inverse = frozen_floats(np.linalg.inv(vandermonde))
+        self._nodes = nodes
+
+    @property
+    def lattice(self) -> Lattice | None:
+        """See `ShapeFunctions`."""
+        return Lattice.of(self._nodes) if self.shape in TENSOR else None
 
     def space(self, points: Floats) -> Floats:
         """(n, m) values of a basis of the space at reference points (n, d)."""
@@ -164,6 +180,12 @@ class TensorBasis(ShapeFunctions):
         assert len(lines) == shape.dimension
         self.order = max(len(line) for line in lines) - 1
         self._lines = [NodalBasis(Shape.SEGMENT, len(line) - 1, line[:, None]) for line in lines]
+        self._sizes = tuple(map(len, lines))
+
+    @property
+    def lattice(self) -> Lattice:
+        """See `ShapeFunctions`."""
+        return Lattice(np.arange(prod(self._sizes)), self._sizes)
 
     def tabulate(self, points: Floats) -> Floats:
         """The products of the functions of the lines."""
@@ -199,11 +221,11 @@ class NodalValues:
         own = self.at_nodes(number, rows)
         if self.functions is None:
             return np.repeat(own, len(points), axis=1)
-        table = self.functions.at(points).T
+        to_points = self.functions.to_points(points)
         if self.weights is None:
-            return np.asarray(own @ table)
+            return to_points(own)
         weights = self._of(self.weights, rows)
-        return np.asarray((own * weights) @ table / (weights @ table))
+        return np.asarray(to_points(own * weights) / to_points(weights))
 
     def at_nodes(self, number: int, rows: slice | Ints) -> Floats:
         """(r, k) values of a component at the nodes of elements ``rows``."""

@@ -1,8 +1,8 @@
-"""Large data of which a first picture loads only the elements that its cuts may show.
+"""Large data of which a first picture loads only the elements that its cuts and faces may show.
 
-A cut of n elements meets some n^(2/3) of them.  Boxes of elements are found several times faster than all that kernels
-need of them, so a single picture takes a fraction of the time and the memory.  Whoever draws another cut probably draws
-more: all elements are loaded for it.
+A cut or the boundary of n elements meets some n^(2/3) of them.  Boxes of elements are found several times faster than
+all that kernels need of them, so a single picture takes a fraction of the time and the memory.  Whoever draws another
+cut probably draws more: all elements are loaded for it.
 """
 
 from __future__ import annotations
@@ -19,10 +19,12 @@ from elvis.scene import Scene
 
 #: bytes of coefficients from which on data are large
 LARGE = 1 << 27
+#: part of all elements beyond which all are loaded
+_MOST = 0.75
 
 
 class NearCuts:
-    """The elements that the first picture depends on, if cuts decide."""
+    """The elements that the first picture depends on, if boxes and sides of elements decide."""
 
     def __init__(self) -> None:
         #: what the first picture was drawn of, what its elements depend on, and these, None for all
@@ -53,11 +55,11 @@ def _is_large(dataset: Dataset) -> bool:
 
 
 def _few(dataset: Dataset, relevance: Relevance) -> Dataset | None:
-    """The elements that a picture depends on; None if boxes don't decide, or there are no less."""
+    """The elements that a picture depends on; None if boxes and sides don't decide, or most are needed."""
     is_known = knows_inner_sides(dataset) and is_local(dataset, is_even(dataset), [relevance.scene])
     if not is_known or not relevance.is_by_boxes:
         return None
     ids = relevance.ids()
-    if 2 * len(ids) > dataset.mesh.count:
+    if len(ids) > _MOST * dataset.mesh.count:
         return None
     return replace(drawable(Portion.whole(dataset).of(ids)), **beside(dataset))

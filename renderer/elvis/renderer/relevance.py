@@ -20,7 +20,7 @@ from elvis.core.distances.boundaries import ALL
 from elvis.core.errors import ElvisError
 from elvis.core.mapping.boxes import Boxes, BoxTree
 from elvis.core.mapping.orientation import chunks
-from elvis.core.patch import patches
+from elvis.core.patch import Patch, patches
 from elvis.core.picturing import Kind
 from elvis.core.quantities import Expression
 from elvis.core.quantities.bounding import deciding_elements
@@ -103,15 +103,22 @@ class Relevance:
 
     @property
     def is_by_boxes(self) -> bool:
-        """Whether boxes decide everything: there are only cuts by given surfaces, and no ranges over all data."""
-        every = self.scene.every_object
-        is_cut = all(isinstance(item, CutSurface) and not isinstance(item.surface, Implicit) for item in every)
-        return bool(every) and is_cut and not (self._names_of_ends or self.scene.shows_domain)
+        """Whether boxes and sides of elements decide everything: only faces and cuts by given surfaces are drawn.
+
+        Ranges over all data aren't known from these.  Extruded elements have other sides than those of the mesh.
+        """
+        if self._names_of_ends or not self.scene.every_object:
+            return False
+        for item in self.scene.every_object:
+            is_cut = isinstance(item, CutSurface) and not isinstance(item.surface, Implicit)
+            if not (is_cut or isinstance(item, Faces)):
+                return False
+        return not any(patch.periods for patch in self._patches)
 
     @cached_property
     def _volume(self) -> Volume:
         if self.is_by_boxes:
-            return placed(self.dataset, Expression.of(self.dataset, self.texts[0]))
+            return placed(self.dataset, self._patches, Expression.of(self.dataset, self.texts[0]))
         return volume_of(self.dataset, self.texts)
 
     def ids(self) -> Ints:
@@ -180,12 +187,15 @@ class Relevance:
 
     def _first_ones(self) -> Iterator[Ints]:
         """The first element of each kind: kinds make the parts of a volume, and their order."""
-        expressions = [Expression.of(self.dataset, text) for text in self.texts]
-        names = tuple(dict.fromkeys(name for each in expressions for name in each.fields))
-        every = patches(self.dataset, names)
-        yield from (patch.element_ids[:1] for patch in every)
-        if any(expression.order for expression in expressions):
-            yield from (patch.element_ids[:1] for sort in by_affinity(every) for patch in sort)
+        yield from (patch.element_ids[:1] for patch in self._patches)
+        if any(Expression.of(self.dataset, text).order for text in self.texts):
+            yield from (patch.element_ids[:1] for sort in by_affinity(self._patches) for patch in sort)
+
+    @cached_property
+    def _patches(self) -> tuple[Patch, ...]:
+        """The elements with all fields of the quantities, first those of the first quantity."""
+        every = (name for text in self.texts for name in Expression.of(self.dataset, text).fields)
+        return patches(self.dataset, tuple(dict.fromkeys(every)))
 
     def _ends(self) -> Iterator[Ints]:
         """Elements that decide certified ranges over all data."""

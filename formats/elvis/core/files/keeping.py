@@ -123,7 +123,7 @@ class Store:
         """
         path = self.place(key)
         parts = (len(key).to_bytes(_LENGTH, "little"), key, *content)
-        with self._replacing(path) as file:
+        with self._replacing(path) as beside, beside.open("wb") as file:
             file.write(self.mark + bytes(_CHECKSUM))
             total = _copied(parts, file)
             file.seek(len(self.mark))
@@ -131,12 +131,19 @@ class Store:
         return path
 
     def write_beside(self, key: bytes, source: Path) -> str:
-        """Keep a copy of a file next to a result, so that it can be mapped; its SHA-256, which the result has to hold.
+        """Keep a file next to a result, so that it can be mapped; its SHA-256, which the result has to hold.
 
-        Raises OSError if that can't be.
+        The file must not change afterwards: it is only copied from another file system.  Raises OSError if that can't
+        be.
         """
-        with self._replacing(self.place_beside(key, source.name)) as file:
-            return _copied([source], file).hex()
+        with self._replacing(self.place_beside(key, source.name)) as beside:
+            try:
+                os.link(source, beside)
+            except OSError:
+                with beside.open("wb") as file:
+                    return _copied([source], file).hex()
+        with source.open("rb") as file:
+            return file_digest(file, "sha256").hexdigest()
 
     def place_beside(self, key: bytes, name: str) -> Path:
         """The file of this name next to the result with this key."""
@@ -156,13 +163,12 @@ class Store:
         return path if is_whole else None
 
     @contextmanager
-    def _replacing(self, path: Path) -> Iterator[BinaryIO]:
-        """A file to be written that takes this name at the end of the block; none is left after an error."""
+    def _replacing(self, path: Path) -> Iterator[Path]:
+        """Where to write a file that takes this name at the end of the block; none is left after an error."""
         make_private(self.folder)
         beside = self.folder / f"{path.stem}.{os.getpid()}.{os.urandom(3).hex()}"
         try:
-            with beside.open("wb") as file:
-                yield file
+            yield beside
             beside.replace(path)
         except OSError:
             with suppress(OSError):

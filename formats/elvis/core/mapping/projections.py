@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from elvis.core.mapping.mode_entities import entities
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.cubature import COLLAPSE
 from elvis.core.polynomials.expansion import mode_count, mode_indices, values
+from elvis.core.polynomials.kronecker import Lattice, RowMap
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.shapes import Shape
 
@@ -47,11 +49,18 @@ class Operator:
     """Samples (…, n) at ``points`` (n, d) times ``matrix`` (n, m) are coefficients (…, m).
 
     condition  of the worst fit in it
+    indices    (m, d) of the modes, see `mode_indices`
     """
 
     points: Floats
     matrix: Floats
     condition: float
+    indices: Ints
+
+    @cached_property
+    def fit(self) -> RowMap:
+        """The same as a function of samples, a direction at a time on quadrilaterals and hexahedra."""
+        return RowMap(self.matrix, Lattice.of(self.points), Lattice.of(self.indices))
 
 
 def rule(shape: Shape, count: int) -> tuple[Floats, Floats]:
@@ -79,7 +88,7 @@ def best(expansion: Expansion, extra: int = 0) -> Operator:
         matrix, condition = _product(expansion, count)
     else:
         matrix, condition = _fit(values(expansion, points), weights, expansion)
-    return Operator(frozen_floats(points), frozen_floats(matrix.T), condition)
+    return Operator(frozen_floats(points), frozen_floats(matrix.T), condition, mode_indices(expansion))
 
 
 def _product(expansion: Expansion, count: int, inside: bool = False) -> tuple[Floats, float]:
@@ -171,7 +180,8 @@ def _stage_operator(expansion: Expansion, stages: Sequence[Sequence[Any]], count
         matrix[own] = -(fit @ table[:, known]) @ matrix[known]
         matrix[np.ix_(own, here)] += fit
         known, start, worst = np.concatenate([known, own]), start + len(points), max(worst, condition)
-    return Operator(frozen_floats(np.concatenate([s[0] for s in stages])), frozen_floats(matrix.T), worst)
+    points = frozen_floats(np.concatenate([points for points, _, _ in stages]))
+    return Operator(points, frozen_floats(matrix.T), worst, mode_indices(expansion))
 
 
 def _on(shape: Shape, local: tuple[int, ...], count: int) -> tuple[Floats, Floats]:

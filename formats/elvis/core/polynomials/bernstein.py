@@ -30,6 +30,7 @@ from elvis.core.errors import ElvisError, FormatError
 from elvis.core.polynomials.collapse import collapse
 from elvis.core.polynomials.expansion import product_plan
 from elvis.core.polynomials.forms import elevations, form_degrees
+from elvis.core.polynomials.kronecker import along_directions
 from elvis.core.polynomials.powers import powers_of
 from elvis.core.polynomials.row_products import row_products
 from elvis.core.shapes import TENSOR, Shape
@@ -161,13 +162,13 @@ def bernstein_coefficients(
     if expansion.shape not in TENSOR:
         return row_products(maybe_absolute(coefficients), maybe_absolute(to_bernstein(expansion, space)))
     plan, target = product_plan(expansion), _target(expansion, space)
-    net = maybe_absolute(coefficients).reshape(*coefficients.shape[:-1], *expansion.modes[::-1])
+    factors = []
     for direction, count in enumerate(expansion.modes):
         index = np.empty(count, np.int64)
         index[plan.modes[:, direction]] = plan.index[direction]
-        matrix = maybe_absolute(_nets(expansion, direction, target.degrees[direction])[-1][index])
-        net = np.moveaxis(row_products(np.moveaxis(net, -1 - direction, -1), matrix), -1, -1 - direction)
-    return np.ascontiguousarray(net.reshape(*coefficients.shape[:-1], target.count))
+        factors.append(maybe_absolute(_nets(expansion, direction, target.degrees[direction])[-1][index]))
+    net = along_directions(maybe_absolute(coefficients).reshape(-1, coefficients.shape[-1]), factors)
+    return net.reshape(*coefficients.shape[:-1], target.count)
 
 
 def bernstein_values(space: BernsteinSpace, points: Floats) -> Floats:

@@ -72,10 +72,13 @@ class NativeVolume:
         return NativeVolume(dimension, parts)
 
 
-def placed(dataset: Dataset, expression: Expression) -> NativeVolume:
-    """The elements that carry a quantity, with ids and boxes only: those of one kind make a part."""
-    carried = expression.fields
-    found = [patch for patch in patches(dataset, carried) if all(own is not None for own in patch.fields)]
+def placed(dataset: Dataset, every: Sequence[Patch], expression: Expression) -> NativeVolume:
+    """The elements that carry a quantity, with ids and boxes only: those of one kind make a part.
+
+    every  patches with the fields of the quantity, and with others after these
+    """
+    count = len(expression.fields)
+    found = [patch for patch in every if all(own is not None for own in patch.fields[:count])]
     parts = [Part("", "", patch.element_ids, element_boxes(patch), {}) for patch in found]
     return NativeVolume(_dimension(dataset, found), parts)
 

@@ -13,7 +13,6 @@ from elvis.core.dataset import Expansion
 from elvis.core.mapping.projections import Operator, best, conforming
 from elvis.core.polynomials.expansion import mode_count, mode_indices
 from elvis.core.polynomials.interpolation import modified
-from elvis.core.polynomials.row_products import row_products
 from elvis.core.terminal import track
 from elvis.plugins.conversion import SourceField
 from elvis.plugins.projection.blocks import NativeBlock
@@ -70,7 +69,7 @@ def fit_fields(sampler: Sampler, blocks: Sequence[NativeBlock], fields: Sequence
         for i, which in group:
             samples = sampler.values(blocks[number], rows, fields[i], points)
             with np.errstate(invalid="ignore"):  # values that are not finite remain so
-                found[i][number][rows] = samples @ which.matrix
+                found[i][number][rows] = which.fit(samples)
     return [FieldFit(f, tuple(n), tuple(c)) for f, n, c in zip(fields, modes, found, strict=True)]
 
 
@@ -110,7 +109,7 @@ def mapped(
         which = position_operator(block, in_own_space)
         for rows, points in track(list(sampler.batches(block, which.points)), "mapping"):
             samples = sampler.positions(block, rows, points).transpose(0, 2, 1)
-            yield number, rows, row_products(samples, which.matrix)
+            yield number, rows, which.fit(samples)
 
 
 def position_operator(block: NativeBlock, in_own_space: bool) -> Operator:

@@ -1,0 +1,118 @@
+"""Matrices between lattices, such as nodes, points and modes of a hexahedron, applied one direction after another.
+
+A Kronecker product of matrices of p numbers a direction takes 2 d p^(d + 1) operations a row instead of 2 p^(2 d): sum
+factorization (Orszag 1980, Spectral methods for problems in complex geometries).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, reduce
+from math import prod
+
+import numpy as np
+
+from elvis.core.arrays import Floats, Ints
+from elvis.core.mapping.orientation import even_chunks
+from elvis.core.polynomials.row_products import row_products
+
+#: digits after the point in which coordinates of a lattice agree
+_DIGITS = 9
+#: largest deviation of a matrix from the product of its factors, relative to its largest number: from rounding
+_ROUNDING = 1e-13
+#: numbers of a matrix from which on factors pay
+_LEAST = 1 << 15
+#: numbers of rows that are multiplied together, so that they stay in a processor's cache
+_AT_ONCE = 1 << 17
+
+
+@dataclass(frozen=True, eq=False)
+class Lattice:
+    """Points that are the product of a line of points in each direction.
+
+    order  (n,) the points, those along the first direction next to each other
+    sizes  points of the line of each direction
+    """
+
+    order: Ints
+    sizes: tuple[int, ...]
+
+    @staticmethod
+    def of(points: Floats | Ints) -> Lattice | None:
+        """The lattice that points (n, d) form; None if they form none.
+
+        >>> Lattice.of(np.array([[0, 0], [0, 1], [2, 0], [2, 1]]))
+        Lattice(order=array([0, 2, 1, 3]), sizes=(2, 2))
+        """
+        keys = np.round(points, _DIGITS) + 0.0
+        lines = [np.unique(column) for column in keys.T]
+        if prod(map(len, lines)) != len(keys):
+            return None
+        order = np.lexsort(keys.T)
+        axes = np.meshgrid(*lines[::-1], indexing="ij")[::-1]
+        grid = np.stack([axis.reshape(-1) for axis in axes], axis=1)
+        return Lattice(order, tuple(map(len, lines))) if np.array_equal(keys[order], grid) else None
+
+
+class RowMap:
+    """Rows of numbers on some points times a matrix (k, n), by its factors if it is a Kronecker product.
+
+    source, target  lattices of the k numbers of a row, and of the n numbers of a result; None where they form none
+    """
+
+    def __init__(self, matrix: Floats, source: Lattice | None, target: Lattice | None) -> None:
+        self.matrix, self._source, self._target = matrix, source, target
+
+    def __call__(self, rows: Floats) -> Floats:
+        """(..., n) the rows (..., k), each times the matrix; no result depends on the other rows."""
+        if self.factors is None:
+            return row_products(rows, self.matrix)
+        assert self._source is not None
+        assert self._target is not None
+        flat = rows.reshape(-1, rows.shape[-1])
+        result = np.empty((len(flat), self.matrix.shape[1]))
+        largest = max(self.matrix.shape)
+        for some in even_chunks(len(flat), max(1, _AT_ONCE // largest)):
+            net = np.take(flat[some], self._source.order, axis=1)
+            result[some, self._target.order] = along_directions(net, self.factors)
+        return result.reshape(*rows.shape[:-1], -1)
+
+    @cached_property
+    def factors(self) -> Sequence[Floats] | None:
+        """(k_i, n_i) a matrix for each direction; None if there are none, or they don't pay."""
+        if self._source is None or self._target is None or self.matrix.size < _LEAST:
+            return None
+        sizes = *self._source.sizes[::-1], *self._target.sizes[::-1]
+        ordered = self.matrix[self._source.order][:, self._target.order].reshape(sizes)
+
+        # of a product of factors, each line through its greatest number is a multiple of one factor
+        pivot = np.unravel_index(np.abs(ordered).argmax(), ordered.shape)
+        greatest, dimension = ordered[pivot], len(self._source.sizes)
+        factors = []
+        for direction in range(dimension):
+            place = list(pivot)
+            for axis in (dimension - 1 - direction, 2 * dimension - 1 - direction):
+                place[axis] = slice(None)
+            factors.append(ordered[tuple(place)] / (greatest if direction else 1.0))
+        product = reduce(np.kron, factors[::-1]).reshape(ordered.shape)
+        is_product = np.abs(product - ordered).max() <= _ROUNDING * abs(greatest)
+        return [np.ascontiguousarray(own) for own in factors] if is_product else None
+
+
+def along_directions(rows: Floats, factors: Sequence[Floats]) -> Floats:
+    """(r, n) rows (r, k) times a Kronecker product, on lattices whose first direction is the fastest.
+
+    factors  (k_i, n_i) of each direction
+
+    Products have the same size for each row, so that no result depends on how many others there are.
+    """
+    first, *others = factors
+    count, left = len(rows), rows.shape[1] // len(first)
+    net = np.matmul(rows.reshape(count, left, len(first)), first)
+    done = first.shape[1]
+    for factor in others:
+        left //= len(factor)
+        net = np.matmul(factor.T, net.reshape(count * left, len(factor), done))
+        done *= factor.shape[1]
+    return net.reshape(count, done)
