@@ -17,7 +17,8 @@ from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.needing import is_there
 from elvis.core.polynomials.collapse import collapse
-from elvis.core.shapes import Shape
+from elvis.core.polynomials.kronecker import Lattice
+from elvis.core.shapes import TENSOR, Shape
 from elvis.plugins.conversion import PyramidSpace
 from elvis.plugins.discovery import installing
 from elvis.plugins.nodal import ShapeFunctions, bernstein, nearest_nodes, order_of_space, space_size
@@ -125,6 +126,11 @@ class Cell(ShapeFunctions):
         return lagrange_nodes(self.shape, self.degrees) if is_complete else None
 
     @property
+    def lattice(self) -> Lattice | None:
+        """See `ShapeFunctions`."""
+        return Lattice.of(self.nodes[:, : self.shape.dimension]) if self.shape in TENSOR else None
+
+    @property
     def _is_space(self) -> bool:
         """Whether there are as many nodes as the space of the order has functions."""
         return self.kind.nodes == space_size(self.shape, self.order)
@@ -167,7 +173,7 @@ class Cell(ShapeFunctions):
             return
         check_family(self.shape, family)
         self._functions = LagrangeFunctions(self.shape, self.degrees, self.nodes, family)
-        self._tables.clear()
+        self._maps.clear()
 
     def tabulate(self, points: Floats) -> Floats:
         """(n, nodes) values of the functions of the nodes at points (n, d), in the coordinates of the frame."""

@@ -284,6 +284,13 @@ def _open_bricks(paths: Sequence[Path], reading: Reading, report: Report) -> Dat
     return Bricks(opened, whole)
 
 
+def in_memory(data: Dataset | PluginData) -> Bricks:
+    """Data that are at hand, in bricks; SceneError for those that only a runtime plugin knows."""
+    if isinstance(data, PluginData):
+        raise SceneError(f"memory: data opened by the plugin {data.name} cannot be read in bricks: remove this setting")
+    return Bricks(InMemory(data), lambda: data)
+
+
 def peak_note(scene: Scene) -> str:
     """The memory of the whole process next to what a scene allows its elements; empty where it allows any."""
     peak = peak_memory()

@@ -13,6 +13,8 @@ from operator import is_
 
 from elvis.core.dataset import Dataset
 from elvis.core.portions.portion import Portion, is_even, knows_inner_sides
+from elvis.plugins.opening import PluginData
+from elvis.renderer.completing import other_device
 from elvis.renderer.parts import beside, drawable, is_local, whole_scene
 from elvis.renderer.relevance import Relevance
 from elvis.scene import Scene
@@ -24,17 +26,19 @@ _MOST = 0.75
 
 
 class NearCuts:
-    """The elements that the first picture depends on, if boxes and sides of elements decide."""
+    """The elements that the first picture on a device depends on, if boxes and sides of elements decide."""
 
-    def __init__(self) -> None:
+    def __init__(self, device: str = "auto") -> None:
+        self._device = device
         #: what the first picture was drawn of, what its elements depend on, and these, None for all
         self._first: tuple[tuple[object, ...], Hashable, Dataset | None] | None = None
 
-    def elements(self, dataset: Dataset, scene: Scene) -> Dataset | None:
+    def elements(self, dataset: Dataset | PluginData, scene: Scene) -> Dataset | None:
         """The elements for a picture, the same object if another camera shows the same ones; None for all."""
-        source = dataset.mesh, *dataset.fields
-        if self._first is not None and self._first[2] is None:
+        is_known_whole = self._first is not None and self._first[2] is None
+        if is_known_whole or isinstance(dataset, PluginData) or other_device(self._device) is not None:
             return None
+        source = dataset.mesh, *dataset.fields
         if not _is_large(dataset) or scene.copies or dataset.others:
             self._first = source, None, None
             return None

@@ -25,7 +25,7 @@ from elvis.plugins.serving import names_of, volume_of
 from elvis.plugins.volume import Volume
 from elvis.plugins.volume_checks import Samples
 from elvis.renderer.bands import Bands
-from elvis.renderer.bricks import Bricks, InMemory, timed
+from elvis.renderer.bricks import Bricks, in_memory, timed
 from elvis.renderer.canvas import Canvas, check_memory, is_exact
 from elvis.renderer.completing import arranged, kind_of, located, other_device, with_quantity
 from elvis.renderer.copied import CopiedData, boxes_of_copies, surrounding_copies
@@ -96,15 +96,10 @@ def render(
     asked = Request.of(data, scene, keywords)
     at_hand = data_of(asked)
     shown = asked.scene if asked.data is not None else with_range(asked.scene)
-    frame = _render(at_hand, shown, device or asked.scene.device, progress)
+    with Pictures(at_hand, device or asked.scene.device, progress) as pictures:
+        frame = pictures.draw(shown)
     asked.write(frame)
     return frame
-
-
-def _render(data: Dataset | PluginData | Bricks, scene: Scene, device: str, progress: Progress | None) -> Frame:
-    """A picture of data that are at hand."""
-    with Pictures(data, device, progress) as pictures:
-        return pictures.draw(scene)
 
 
 class Pictures:
@@ -132,7 +127,7 @@ class Pictures:
         self._ghosts: dict[str, Dataset] = {}
         self._copies: Copies | None = None
         self._remarks: Sequence[str] = ()
-        self._near = NearCuts()
+        self._near = NearCuts(device)
         self._take(data)
 
     def __enter__(self) -> Pictures:
@@ -233,23 +228,12 @@ class Pictures:
         return self._renderer
 
     def _in_bricks(self, data: Dataset | PluginData, scene: Scene) -> Dataset | PluginData:
-        """The elements that a picture depends on, where there is a limit of memory, or where data come in bricks."""
+        """The elements that a picture depends on, where data are limited in memory, come in bricks, or are large."""
         if scene.memory is None and self._bricks is None:
-            return self._near_cuts_in(data, scene)
-        if isinstance(data, PluginData):
-            raise SceneError(
-                f"memory: data opened by the plugin {data.name} cannot be read in bricks: remove this setting"
-            )
-        self._bricks = self._bricks or Bricks(InMemory(data), lambda: data)
-        found = self._bricks.elements(scene)
-        if found is not self._drawn:
-            self._drawn, self._quantities = found, ()
-        return timed(found, scene.time)
-
-    def _near_cuts_in(self, data: Dataset | PluginData, scene: Scene) -> Dataset | PluginData:
-        """The elements that a picture of large data depends on, if these are few and it is the first one; else all."""
-        is_here = isinstance(data, Dataset) and self._part is None and other_device(self.device) is None
-        found = self._near.elements(data, scene) if is_here and isinstance(data, Dataset) else None
+            found = None if self._part else self._near.elements(data, scene)
+        else:
+            self._bricks = self._bricks or in_memory(data)
+            found = self._bricks.elements(scene)
         if found is not self._drawn:
             self._drawn, self._quantities = found, ()
         return data if found is None else timed(found, scene.time)

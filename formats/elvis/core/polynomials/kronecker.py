@@ -91,9 +91,8 @@ class RowMap:
         greatest, dimension = ordered[pivot], len(self._source.sizes)
         factors = []
         for direction in range(dimension):
-            place = list(pivot)
-            for axis in (dimension - 1 - direction, 2 * dimension - 1 - direction):
-                place[axis] = slice(None)
+            axes = dimension - 1 - direction, 2 * dimension - 1 - direction
+            place = (slice(None) if axis in axes else number for axis, number in enumerate(pivot))
             factors.append(ordered[tuple(place)] / (greatest if direction else 1.0))
         product = reduce(np.kron, factors[::-1]).reshape(ordered.shape)
         is_product = np.abs(product - ordered).max() <= _ROUNDING * abs(greatest)
@@ -115,4 +114,4 @@ def along_directions(rows: Floats, factors: Sequence[Floats]) -> Floats:
         left //= len(factor)
         net = np.matmul(factor.T, net.reshape(count * left, len(factor), done))
         done *= factor.shape[1]
-    return net.reshape(count, done)
+    return np.asarray(net.reshape(count, done))
