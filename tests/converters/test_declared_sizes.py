@@ -6,13 +6,17 @@ import shutil
 import struct
 import subprocess
 import sys
+import tracemalloc
 import zipfile
+import zlib
+from base64 import b64encode
 
 import h5py
 import numpy as np
 import pytest
 from neko_writer import add_virtual
 
+from elvis.converters import vtk_files
 from elvis.converters.cgns import Cgns
 from elvis.converters.exodus_files import Variables
 from elvis.converters.hdf5 import holds, reading, require
@@ -20,6 +24,7 @@ from elvis.converters.hopr import Hopr
 from elvis.converters.ngsolve import NGSolve
 from elvis.converters.pyfr import PyFR
 from elvis.converters.vtk import Vtk
+from elvis.converters.vtk_times import time_in
 from elvis.core.errors import FormatError
 from elvis.core.files.archives import Archive
 
@@ -214,3 +219,50 @@ def test_xml_that_declares_more_than_it_contains(tmp_path, name):
     (tmp_path / "a.pvtu").write_text(f'<VTKFile type="PUnstructuredGrid">{inside}</VTKFile>')
     with pytest.raises(FormatError, match=rf"a\.pvtu: {name}: expected at most \d+, from \d+ bytes, found 9{{20}}"):
         Vtk([tmp_path / "a.pvtu"])
+
+
+def packed_file(path, place, integer, order, unpacked):
+    """A VTK file with an array of zeros in packed form; ``unpacked`` bytes in blocks of 32 kB."""
+    blocks = [bytes(1 << 15)] * (unpacked >> 15) + [bytes(unpacked % (1 << 15))] * (unpacked % (1 << 15) > 0)
+    contents = [zlib.compress(block) for block in blocks]
+    head = np.array([len(blocks), 1 << 15, unpacked % (1 << 15), *map(len, contents)], order + integer).tobytes()
+    body = b"".join(contents)
+    text = b64encode(head) + b64encode(body)
+    where = 'format="binary"' if place == "inline" else 'format="appended" offset="3"'
+    end = f">\n{text.decode()}</DataArray>" if place == "inline" else "/>"
+    array = f'<DataArray type="Float64" Name="a" {where}{end}'
+    kind = {"u4": "UInt32", "u8": "UInt64"}[integer]
+    bytes_order = {"<": "LittleEndian", ">": "BigEndian"}[order]
+    attributes = f'byte_order="{bytes_order}" header_type="{kind}" compressor="vtkZLibDataCompressor"'
+    first = f'<VTKFile type="UnstructuredGrid" {attributes}>'
+    appended = b""
+    if place != "inline":
+        appended = f'<AppendedData encoding="{place}">_abc'.encode() + (head + body if place == "raw" else text)
+        appended += b"</AppendedData>"
+    path.write_bytes(f"{first}<FieldData>{array}</FieldData>".encode() + appended + b"</VTKFile>")
+
+
+@pytest.mark.parametrize("place", ["inline", "base64", "raw"])
+@pytest.mark.parametrize(("integer", "order"), [("u4", "<"), ("u8", ">")])
+def test_packed_arrays_of_vtk_that_grow_beyond_all_bounds(tmp_path, place, integer, order):
+    """The size is that of whole blocks and of the last one; less is left to the library."""
+    path = tmp_path / "a.vtu"
+    packed_file(path, place, integer, order, 40_000_000)
+    with pytest.raises(FormatError, match=r"expected packed arrays of at most \d+ bytes, .*, found at least 40000000$"):
+        vtk_files.read([path])
+    packed_file(path, place, integer, order, 4_000_000)
+    with pytest.raises(FormatError, match="expected a complete VTK file"):
+        vtk_files.read([path])
+
+
+def test_the_time_of_a_vtk_file_is_unpacked_alone(tmp_path):
+    packed = zlib.compress(struct.pack("<d", 2.5) + bytes(1 << 24))
+    head = struct.pack("<4Q", 1, 1 << 24, 0, len(packed))
+    text = (b64encode(head) + b64encode(packed)).decode()
+    attributes = 'byte_order="LittleEndian" header_type="UInt64" compressor="vtkZLibDataCompressor"'
+    data = f'<DataArray type="Float64" Name="TimeValue" format="binary">{text}</DataArray>'
+    (tmp_path / "a.vtu").write_text(f"<VTKFile {attributes}><FieldData>{data}</FieldData></VTKFile>")
+    tracemalloc.start()
+    assert time_in(tmp_path / "a.vtu") == 2.5
+    assert tracemalloc.get_traced_memory()[1] < MEBIBYTE
+    tracemalloc.stop()

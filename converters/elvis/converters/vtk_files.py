@@ -15,6 +15,7 @@ from typing import Any
 
 from elvis.converters.apart import Apart, LibraryError
 from elvis.converters.vtk_hdf import files_of, is_vtkhdf, other_type, read_vtkhdf
+from elvis.converters.vtk_packing import check_packed
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
 from elvis.core.files.plain import check_plain, content, json_content, leading, unpacked_limit
@@ -227,6 +228,7 @@ def _check_counts(path: Path, size: int) -> None:
                 expected = f"at most {unpacked_limit(size)}, from {size} bytes"
                 place = found[1].decode("ascii")
                 raise FormatError(f"expected {expected}, found {int(found[2])}", file=path, place=place)
+        check_packed(path, raw, size)
 
 
 def _pieces(path: Path) -> list[Path]:

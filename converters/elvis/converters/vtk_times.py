@@ -84,7 +84,8 @@ def _of_xml(path: Path, head: bytes) -> float | None:
     cut = _whole(4 * count.itemsize) if is_text else 4 * count.itemsize
     sizes = np.frombuffer(b64decode(content[:cut]) if is_text else content[:cut], count)[:4]
     packed = content[cut : cut + (_whole(int(sizes[3])) if is_text else int(sizes[3]))]
-    return float(np.frombuffer(zlib.decompress(b64decode(packed) if is_text else packed), kind)[0])
+    first = zlib.decompressobj().decompress(b64decode(packed) if is_text else packed, kind.itemsize)
+    return float(np.frombuffer(first, kind)[0])
 
 
 def _whole(count: int) -> int:
