@@ -66,6 +66,9 @@ class Rays:
         self.place[::3, 0] = -1 + np.resize([-3.0, -0.5, 0.5, 3.0], 22) * 1e-9
         self.place[::3, 1:] = -0.5
         self.root, self.root_error = some(1, 3), rng.choice([1e-9, 1e-2], COUNT)
+        # hits must exceed previous ones by 0.5 and, if they are proved, by what they may be off
+        self.nearer = np.resize(np.repeat([-0.1, 0.0, -5e-10, 1e-3], 5), COUNT)
+        self.root_error[::5] = np.where(self.nearer[::5] == -5e-10, 1e-9, 1e-2)
         # some first hits are proved, and as near to the eye as they may be off
         self.apart[5::20], self.root_error[5::20] = self.root[5::20] - 5e-10, 1e-9
 
@@ -94,8 +97,7 @@ def before(rays):
     hit = rays.root + np.where(kind == 3, 0.5, -0.5) * np.random.default_rng(3).choice([1e-2, 1.0], COUNT)
     nobody = 0xFFFFFFFF
     owner = np.select([kind == 0, kind == 1], [nobody, 100 + np.arange(COUNT)], 7).astype(np.uint32)
-    near = rays.root - 0.5 + np.random.default_rng(4).choice([-0.1, 0.0, 1e-3], COUNT)
-    beyond = np.where(np.arange(COUNT) % 5, 0.0, near)
+    beyond = np.where(np.arange(COUNT) % 5, 0.0, rays.root - 0.5 + rays.nearer)
     lists = {"hit_owner": owner, "hit_depth": hit, "hit_uncertainty": np.full(COUNT, 1e-3), "beyond": beyond}
     return lists | {"hit_status": np.zeros(COUNT, np.uint32), "hit_doubt": np.full(COUNT, 9.0)}
 

@@ -47,6 +47,8 @@ class Solids:
         # some tubes are about as wide as parts may get away from the ray
         limit = sum(self.widths_within()) + np.resize([-0.5, 0.2, 0.5], COUNT) * (self.slack + 0.002)
         self.radius = np.where((np.arange(COUNT) % 6 == 0) & (limit > 0.4), limit, self.radius)
+        limit = self.radius_of_single_parts() * np.resize([0.998, 1.002], COUNT)
+        self.radius = np.where((np.arange(COUNT) % 6 == 1) & (limit > 0.05) & (limit < 3.0), limit, self.radius)
         self.origin, self.along = some(-2, 2, 3), some(-1, 1, 3)
         self.along[::2] = (self.base - self.origin + some(-1, 1, 3))[::2]
         self.along[1::9] = self.axis[1::9]
@@ -81,6 +83,18 @@ class Solids:
         farthest = np.linalg.norm(self.at[:, :2], axis=1) + (across + change / 2) * self.half
         narrower = np.linalg.norm(self.growth, axis=1) * (np.linalg.norm(self.speed, axis=1) + change) * self.half
         return farthest, narrower, self.slack
+
+    def radius_of_single_parts(self):
+        """Up to where the second derivative of h is negative, by an inequality that is linear in the radius."""
+        change, rate = self.turn * self.half, np.linalg.norm(self.growth, axis=1)
+        at, velocity = self.at[:, :2], self.speed[:, :2]
+        across, speed = np.linalg.norm(velocity, axis=1), np.linalg.norm(self.speed, axis=1)
+        slow, share = across - change, 1 - change / (across - change)
+        beside = np.abs(at[:, 0] * velocity[:, 1] - at[:, 1] * velocity[:, 0]) / across + change * self.half / 2
+        rest = slow**2 - beside / share * self.turn - rate**2 * (speed + change) ** 2
+        with np.errstate(divide="ignore", invalid="ignore"):
+            greatest = rest / (rate * self.turn * (1 + speed / slow / share))
+        return np.where(slow > 2 * change, greatest, 0.0) - self.widths_within()[1] - self.slack
 
     def surface_places(self):
         """Points of the first disc, the second one and the side of solids by turns, and the normals there."""
