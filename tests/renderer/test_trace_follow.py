@@ -19,6 +19,12 @@ FOUND = {
     "beyond": 3,
     "element": 1,
     "entered": 1,
+    "rate": 3,
+    "speed": 1,
+    "moved": 3,
+    "orientation": 1,
+    "dropped": 1,
+    "holds": 2,
 }
 VERTICES = np.array([[-1.0, -1, -1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
 #: 0 on a side and 1 at the vertex that it lacks: gradients and offsets
@@ -71,9 +77,22 @@ class Lines:
         columns = [
             *[self.state, self.rate, self.jacobian, *limits, self.length, self.gap, self.width, self.rates, self.end],
             *[self.slope, self.velocity, self.nets, self.place, self.last, self.at, self.checked, self.side],
-            *[self.apart, self.on_side],
+            *[self.apart, self.on_side, *self.motions()],
         ]
         return rows_of(COUNT, columns)
+
+    def motions(self):
+        """Velocities in elements, and models of them on boxes with points just within a part of them, or not."""
+        rng = np.random.default_rng(9)
+        self.frames, self.velocities = rng.uniform(-1, 1, (COUNT, 3, 3)), rng.uniform(-1, 1, (COUNT, 3))
+        self.sign, self.moved = rng.choice([-1, 1], COUNT), rng.uniform(-1, 1, (COUNT, 3))
+        middle, self.half = rng.uniform(-0.5, 0.5, (COUNT, 3)), rng.uniform(0.1, 0.5, COUNT)
+        self.of_map, self.of_field = rng.uniform(0, 1e-3, (COUNT, 3)), rng.uniform(0, 0.1, (COUNT, 3))
+        part, self.share = rng.choice([0.5, 1.0], COUNT), rng.choice([0.99, 1.01], COUNT)
+        away = rng.uniform(-1, 1, (COUNT, 3))
+        away *= (part * self.half * self.share / np.abs(away).max(axis=1))[:, None]
+        model = [middle, self.half, self.of_map, self.of_field]
+        return [self.frames, self.velocities, self.sign, self.moved, *model, middle + away, part]
 
     def world(self, change):
         """Squares (n,) of changes of reference coordinates, in the world, and of the length."""
@@ -185,3 +204,19 @@ def test_positions_on_sides_have_the_same_weights_beyond_them(lines, found):
     assert found["beyond"][inner] == pytest.approx(beyond[inner], abs=1e-14)
     assert found["beyond"][~inner] == pytest.approx(lines.on_side[~inner], abs=1e-15)
     assert np.array_equal(found["entered"][inner], np.array([3, 1, 0, 2])[lines.side][inner])
+
+
+def test_rates_solve_for_the_velocity_and_models_state_what_they_drop(lines, found):
+    """A term of degree n + 1 that the map lacks changes its derivatives by (n + 1)^2 / half (Markov)."""
+    rate = np.linalg.solve(lines.frames.swapaxes(1, 2), lines.velocities[..., None])[..., 0]
+    rate = lines.sign[:, None] * rate
+    assert found["rate"] == pytest.approx(rate, rel=1e-9, abs=0)
+    assert found["speed"] == pytest.approx(np.linalg.norm(lines.velocities, axis=1), rel=1e-12, abs=0)
+    moved = np.einsum("ni,nij->nj", lines.moved, lines.frames)
+    assert found["moved"] == pytest.approx(moved, rel=1e-12, abs=1e-14)
+    assert np.array_equal(found["orientation"], np.sign(np.linalg.det(lines.frames)))
+    steepest = (DEGREE + 1) ** 2 / lines.half * np.abs(rate).sum(axis=1)
+    dropped = np.linalg.norm(lines.of_field + steepest[:, None] * lines.of_map, axis=1)
+    assert found["dropped"] == pytest.approx(dropped, rel=1e-9, abs=0)
+    assert np.array_equal(found["holds"][:, 0], lines.share < 1)
+    assert not found["holds"][:, 1].any()
