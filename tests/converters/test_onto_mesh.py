@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from elvis import Dataset, ElvisError, Shape, integrate, onto_mesh, read, sample, write
+from elvis.core.polynomials.cubature import COLLAPSE
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.testing import approximated, curved, grid
+from elvis.plugins.element_projection import _Rules
 from elvis.plugins.onto_mesh import report_of_transfer
 
 FUNCTIONS = {"u": lambda x: x[:, 0] ** 2 + x[:, 1], "p": lambda x: 1.5 + x[:, 0] * x[:, 1]}
@@ -95,6 +97,18 @@ def test_orders_far_above_those_of_the_fields_are_exact(shape, order):
     found = onto_mesh(flow(grid(shape, 1)), Dataset(grid(shape, 1)), order=order)
     assert all(own.is_exact for own in found.measures)
     assert found.residual == 0
+
+
+@pytest.mark.parametrize("shape", COLLAPSE, ids=str)
+def test_rules_on_boxes_are_exact_for_products_on_collapsed_elements(shape):
+    """Of projections of order 4 with each other, or with fields of degree 3, on maps of order 5."""
+    rules = _Rules(shape, 4, 3, 5)
+    bend = 4 * shape.dimension
+    for (points, weights), degree in ((rules.coarse, 8), (rules.fine(True), 9), (rules.fine(False), 9 + bend)):
+        for axis, power in enumerate(COLLAPSE[shape]):
+            for n in (degree + power - 1, degree + power):
+                expected = 2**shape.dimension * ((1 - n % 2) / (n + 1))
+                assert weights @ points[:, axis] ** n == pytest.approx(expected, abs=1e-13)
 
 
 def test_curved_elements_are_located_exactly():

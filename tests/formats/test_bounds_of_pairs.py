@@ -114,6 +114,21 @@ def derivatives_of_patches(rng):
         yield values[:, 0, 0, 0], -turned.boxes[:, 0]
 
 
+@pytest.mark.parametrize("corners", [2, 3, 4])
+def test_patches_are_cut_if_they_bend_by_more_than_a_part_of_their_sides(corners):
+    """Of sides of length 2 a and, but for lines, 2 b; those next to the limit bend by 0.99 or 1.01 of it."""
+    for a, b in ((1.0, 0.1), (0.1, 1.0)):
+        side = a + b * (corners > 2)
+        for factor, parts in ((0.99, 1), (1.01, 2 if corners == 2 else 4)):
+            coefficients = np.zeros((1, 1 if corners == 2 else 3, 3, 3))
+            coefficients[0, 0, 1, 0] = a
+            if corners > 2:
+                coefficients[0, 1, 0, 1] = b
+            coefficients[0, 0, 2, 2] = 0.04 * factor * side
+            patches = SurfacePatches(corners, coefficients, np.zeros(1, int), np.zeros(1, int))
+            assert len(patches.flatten()) == parts
+
+
 def random_boxes(rng, places):
     """Boxes with fields and coordinates that are off."""
     rows = np.arange(COUNT)

@@ -6,7 +6,7 @@ import pytest
 from elvis import Camera, CutSurface, Dataset, Faces, Isosurface, Plane, Scene, Shape, Streamlines, render
 from elvis.core.testing import curved, grid, mixed_plane, mixed_volume, with_field
 from elvis.plugins.sample_data import wing
-from elvis.renderer.domain_outline import boundary_surface
+from elvis.renderer.domain_outline import _edges_of_faces, boundary_surface
 from elvis.scene.view import View
 
 LEVEL = Isosurface((0.5,))
@@ -40,6 +40,15 @@ def test_no_lines_lie_between_faces_of_different_kinds():
     bent = curved(straight, lambda x: x + 1e-3 * np.sin(3.0 * x[:, [1, 2, 0]]), 4)
     assert lengths(surface_of(straight)).sum() == pytest.approx(24.0 + np.sqrt(8.0), rel=1e-12)
     assert lengths(surface_of(bent)).sum() == pytest.approx(24.0 + np.sqrt(8.0), rel=1e-2)
+
+
+def test_faces_are_counted_with_triangles_first():
+    mesh = mixed_volume()
+    triangles, squares = (mesh.of(shape).members for shape in (Shape.TRIANGLE, Shape.QUADRILATERAL))
+    rows = np.array([len(triangles) + 2, len(triangles) - 1, len(triangles)])
+    found = list(_edges_of_faces(Dataset(mesh), rows))
+    assert np.array_equal(found[0], triangles[-1:])
+    assert np.array_equal(found[1], squares[[2, 0]])
 
 
 @pytest.mark.parametrize("fov", [None, 30.0])
