@@ -38,6 +38,17 @@ def products(roots, scales):
     return along
 
 
+def test_gradients_of_expressions_follow_from_those_of_their_fields():
+    data = with_field(curved(grid(Shape.PRISM, 1), ripple(0.05), 3), wave)
+    of = Quantities(data, ["u", "u^2"])
+    (patch,) = of.patches
+    rows, points = np.array([0, 1, 1]), np.array([[-0.5, -0.5, 0.1], [-0.2, -0.7, 0.4], [0.1, -0.4, -0.3]])
+    value, gradient = of.values_and_gradients("u", patch, rows, points)
+    square, rise = of.values_and_gradients("u^2", patch, rows, points)
+    assert square == pytest.approx(value**2, rel=1e-12, abs=0)
+    assert rise == pytest.approx(2 * value[:, None] * gradient, rel=1e-5, abs=1e-8)
+
+
 @pytest.mark.parametrize("apart", [1e-1, 1e-3, 1e-5])
 def test_close_pairs_are_found(apart):
     rng = np.random.default_rng(3)
