@@ -13,8 +13,10 @@ from elvis.converters import vtk_files
 from elvis.converters.gmf import Gmf
 from elvis.converters.mfem import Mfem
 from elvis.converters.mfem_files import named_attributes
-from elvis.core.arrays import distinct_rows, distinct_sides, rows_by_number, rows_of_sides
+from elvis.core.arrays import distinct_rows, distinct_sides, groups, rows_by_number, rows_of_sides
 from elvis.core.files.pieces import pieces, substituted
+from elvis.core.polynomials.interpolation import modified
+from elvis.core.ranges import value_range
 from elvis.core.shapes import Shape
 from elvis.formats.nektar.composites import composite_ids, parse_tokens
 from elvis.formats.nektar.expansions import _Expansions
@@ -148,3 +150,23 @@ def test_unreadable_steps_of_a_long_series_are_not_all_tried(tmp_path, monkeypat
         open_series(index).last_readable()
     assert readings.count("a.vtu") == 100
     assert vtk_files._files_by_time.cache_info().misses == 1
+
+
+def test_rows_of_small_keys_are_grouped_in_a_table():
+    random = np.random.default_rng(2)
+    small = random.integers(0, 40, 200_000)
+    # the same groups, but too large for a table
+    large = small.astype(np.int64) << 40
+    for ours, theirs in zip(groups(small), groups(large), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+    assert peak_of(groups, small) < 10 * len(small) < peak_of(groups, large)
+
+
+def test_ranges_take_memory_for_few_elements_at_a_time():
+    """Each end is that of the values themselves: linear functions have it at a vertex."""
+    expansion = modified(Shape.TETRAHEDRON, (2, 2, 2))
+    coefficients = np.random.default_rng(2).normal(size=(200_000, 4))
+    found = value_range([(expansion, coefficients)])
+    assert found.maximum == coefficients.max()
+    assert found.minimum == coefficients.min()
+    assert peak_of(lambda own: value_range([(expansion, own)]), coefficients) < coefficients.nbytes

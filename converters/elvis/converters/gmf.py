@@ -17,7 +17,7 @@ from elvis.converters.gmf_nodes import Bernstein, guessed, is_lattice, unit_poin
 from elvis.converters.gmf_nodes import lattice as all_nodes
 from elvis.converters.inputs import check_roles, check_rows, excess_of_parts
 from elvis.converters.unit import UNIT, unit_basis
-from elvis.core.arrays import Ints, distinct, rows_by_number
+from elvis.core.arrays import Ints, distinct, narrow_ints, rows_by_number
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion import DOUBLE, SINGLE, Boundary, Elements, PyramidSpace, Reads
@@ -106,15 +106,16 @@ class Gmf(NodalConverter):
         corners = nearest_nodes(unit_points(shape, entries), order * UNIT[shape].frame)
         start, blocks = sum(map(len, self.blocks)), list(self.blocks)
         for reference, rows in rows_by_number(references):
+            own = narrow_ints(nodes[rows], len(self._places))
             block = Elements(
                 shape,
                 len(rows),
                 order,
-                nodes[rows][:, corners],
+                own if np.array_equal(corners, np.arange(own.shape[1])) else own[:, corners],
                 ids=start + rows,
                 region=f"ref{reference}" if self._has_regions else "",
                 pyramid=PyramidSpace.RATIONAL,
-                key=NodalBlock(NodalValues(self._places, functions, nodes[rows])),
+                key=NodalBlock(NodalValues(self._places, functions, own)),
             )
             blocks.append(block)
             self._parts.append((name, rows))

@@ -10,8 +10,10 @@ import struct
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
@@ -191,6 +193,12 @@ def type_sizes(dimension: int) -> Mapping[int, int]:
     return {1: 1, 2: dimension, 3: dimension * (dimension + 1) // 2, 4: dimension**2}
 
 
+def _integers(table: NDArray[Any]) -> Ints:
+    """Whole numbers as integers, of 32 bits where these are enough for all."""
+    is_narrow = not table.size or -(1 << 31) < table.min() <= table.max() < 1 << 31
+    return table.astype(np.int32 if is_narrow else np.int64)
+
+
 class _Binary:
     """Sections that know where the next one begins."""
 
@@ -247,7 +255,7 @@ class _Binary:
             raise FormatError(f"expected {rows} rows, found fewer", file=file.path, place=name)
         data = np.frombuffer(self.raw, record, rows, self.at)
         self.at += rows * record.itemsize
-        table = np.asarray(data["reals"], np.float64), np.asarray(data["integers"], np.int64)
+        table = np.asarray(data["reals"], np.float64), _integers(data["integers"])
         file.add(name, Section(*table, types, degree, nodes))
 
 
@@ -317,7 +325,7 @@ class _Text:
             expected = f"{rows} rows of {width} numbers"
             raise FormatError(f"expected {expected}, found {len(numbers)} numbers", file=file.path, place=name)
         table = numbers.reshape(rows, width)
-        integers = table[:, reals:].astype(np.int64)
+        integers = _integers(table[:, reals:])
         file.add(name, Section(np.ascontiguousarray(table[:, :reals]), integers, types, degree, nodes))
 
     def _numbers(self, name: str) -> Floats:

@@ -82,7 +82,8 @@ def distinct_bits(rows: NDArray[Any]) -> tuple[Ints, Ints]:
         hashes *= _FACTOR
         hashes ^= hashes >> np.uint64(32)
     first, which = groups(hashes)
-    if not np.array_equal(bits[first[which]], bits):
+    parts = (slice(start, start + _ROWS_AT_ONCE) for start in range(0, len(bits), _ROWS_AT_ONCE))
+    if not all(np.array_equal(bits[first[which[part]]], bits[part]) for part in parts):
         # different rows have one number
         _, first, which = np.unique(bits, axis=0, return_index=True, return_inverse=True)
     return first, which.reshape(-1)
@@ -94,6 +95,8 @@ _FACTOR = np.uint64(0x9E3779B97F4A7C15)
 
 def groups(keys: NDArray[Any]) -> tuple[Ints, Ints]:
     """The first row (m,) of each distinct key (n,), keys ascending, and which of these each row has (n,)."""
+    if keys.dtype.kind in "iu" and len(keys) and 0 <= keys.min() <= keys.max() < len(keys):
+        return _groups_of_small(keys)
     order = np.argsort(keys)
     is_new = np.ones(len(keys), bool)
     ordered = keys[order]
@@ -109,6 +112,17 @@ def groups(keys: NDArray[Any]) -> tuple[Ints, Ints]:
     which = np.empty(len(order), np.int64)
     which[order] = numbers
     return first, which
+
+
+def _groups_of_small(keys: NDArray[Any]) -> tuple[Ints, Ints]:
+    """`groups` of keys from 0 up that are less than their number: looked up in a table instead of sorted."""
+    first = np.full(int(keys.max()) + 1, len(keys))
+    for start in range(0, len(keys), _ROWS_AT_ONCE):
+        part = keys[start : start + _ROWS_AT_ONCE]
+        np.minimum.at(first, part, np.arange(start, start + len(part)))
+    is_known = first < len(keys)
+    numbers = np.cumsum(is_known) - 1
+    return first[is_known], numbers[keys]
 
 
 def rows_by_number(numbers: Ints) -> Iterator[tuple[int, Ints]]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Block, Expansion
+from elvis.core.mapping.orientation import even_chunks
 from elvis.core.polynomials.bernstein import bernstein_coefficients, bernstein_space
 from elvis.core.polynomials.boxnets import all_halves, box_degrees, box_nets, corners
 from elvis.core.polynomials.evaluation import evaluate
@@ -47,8 +48,8 @@ def value_range(blocks: Iterable[tuple[Expansion, Floats]]) -> Range | None:
     present = [(expansion, c if rows.all() else c[rows]) for expansion, c, rows in finite if rows.any()]
     if not present:
         return None
-    greatest, upper = _greatest(present)
-    least, lower = _greatest([(expansion, -c) for expansion, c in present])
+    greatest, upper = _greatest(present, 1.0)
+    least, lower = _greatest(present, -1.0)
     return Range(0.0 - lower, 0.0 + upper, 0.0 - least, 0.0 + greatest)
 
 
@@ -98,19 +99,26 @@ def finite_rows(coefficients: Floats) -> Bools:
     return np.asarray(np.isfinite(coefficients).all(axis=1))
 
 
-def _greatest(blocks: Sequence[tuple[Expansion, Floats]]) -> tuple[float, float]:
-    """The largest value that is known to be attained, and a bound that none exceeds."""
-    attained = max(float(evaluate(e, c, _samples(e)).max()) for e, c in blocks)
+def _greatest(blocks: Sequence[tuple[Expansion, Floats]], sign: float) -> tuple[float, float]:
+    """The largest value that is known to be attained, and a bound that none exceeds; for -1 of the negative."""
+    attained = max(_largest_sample(expansion, coefficients, sign) for expansion, coefficients in blocks)
     bound = attained
     for expansion, coefficients in blocks:
-        bounds = _bounds(expansion, coefficients)
+        bounds = _bounds(expansion, coefficients, sign)
         rivals = np.flatnonzero(bounds > attained)
         if expansion.homogeneous is not None:
             bound = max(bound, float(bounds.max()))
         elif len(rivals):
-            attained, least_bound = _refine(expansion, coefficients[rivals], bounds[rivals], attained)
+            attained, least_bound = _refine(expansion, coefficients, sign, rivals, bounds[rivals], attained)
             bound = max(bound, least_bound)
     return attained, max(bound, attained)
+
+
+def _largest_sample(expansion: Expansion, coefficients: Floats, sign: float) -> float:
+    """The largest of a few values of each element, or of their negatives (-1)."""
+    samples = _samples(expansion)
+    parts = even_chunks(len(coefficients), _ELEMENTS_AT_ONCE)
+    return max(float(evaluate(expansion, sign * coefficients[part], samples).max()) for part in parts)
 
 
 def _samples(expansion: Expansion) -> Floats:
@@ -124,15 +132,16 @@ def _samples(expansion: Expansion) -> Floats:
     return points
 
 
-def _bounds(expansion: Expansion, coefficients: Floats) -> Floats:
-    """(n,) the largest Bernstein coefficient of each element."""
+def _bounds(expansion: Expansion, coefficients: Floats, sign: float = 1.0) -> Floats:
+    """(n,) the largest Bernstein coefficient of each element, of its negative for -1."""
     bounds = np.empty(len(coefficients))
     for first in range(0, len(coefficients), _ELEMENTS_AT_ONCE):
         chunk = slice(first, first + _ELEMENTS_AT_ONCE)
+        own = sign * coefficients[chunk]
         if expansion.homogeneous is None:
-            bounds[chunk] = bernstein_coefficients(expansion, coefficients[chunk]).max(axis=1)
+            bounds[chunk] = bernstein_coefficients(expansion, own).max(axis=1)
         else:
-            bounds[chunk] = _wave_bounds(expansion, coefficients[chunk])
+            bounds[chunk] = _wave_bounds(expansion, own)
     return bounds
 
 
@@ -160,12 +169,15 @@ def _most_boxes(expansion: Expansion) -> int:
     return max(1, int(_NUMBERS_AT_ONCE / (size << space.shape.dimension)))
 
 
-def _refine(expansion: Expansion, coefficients: Floats, bounds: Floats, attained: float) -> tuple[float, float]:
-    """`_greatest` for elements whose bound exceeds the attained value: bisect, and drop boxes without the maximum."""
+def _refine(
+    expansion: Expansion, coefficients: Floats, sign: float, rivals: Ints, bounds: Floats, attained: float
+) -> tuple[float, float]:
+    """`_greatest` for elements ``rivals`` (n,) whose bound exceeds the attained value: bisect, and drop boxes."""
     space = bernstein_space(expansion)
     order, most = _descending(bounds), _most_boxes(expansion)
     forgotten = float(bounds[order[most]]) if len(order) > most else attained
-    nets = box_nets(space, bernstein_coefficients(expansion, coefficients[order[:most]]))
+    own = sign * coefficients[rivals[order[:most]]]
+    nets = box_nets(space, bernstein_coefficients(expansion, own))
 
     for _ in range(_ROUNDS):
         attained = max(attained, float(corners(nets).max()))

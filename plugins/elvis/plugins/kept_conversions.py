@@ -261,16 +261,16 @@ def _convert(work: Work, keep: Callable[[_Result], None] | None = None) -> Datas
             written = _write(conversion.dataset, Path(folder, _MESH))
             further_files = _further_files(source, work.paths)
             result = _Result(written, keys, further_files or {}, remarks)
-            if result.size > _MAPPED:
-                # its arrays take as much memory as those that are read
-                conversion = None
+            # their arrays take more memory than those that are read
+            del source
+            conversion = None
             dataset = result.dataset()
             if keep is not None and further_files is not None:
                 keep(result)
             return dataset
     except (OSError, ElvisError):
         # no room for files, or the format can't represent the data: they are available nonetheless
-        conversion = conversion or convert(source, settings, work.paths)
+        conversion = conversion or convert(work.converter(work.paths, **work.keywords), settings, work.paths)
         return replace(conversion.dataset, remarks=remarks)
 
 

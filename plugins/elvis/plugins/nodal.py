@@ -233,8 +233,13 @@ class NodalValues:
 
     def at(self, rows: slice | Ints, points: Floats) -> Floats:
         """(r, n, c) values at reference points (n, d) of elements ``rows``."""
-        components = [self.component(i, rows, points) for i in range(self.values.shape[-1])]
-        return np.stack(components, axis=2)
+        first = self.component(0, rows, points)
+        found = np.empty((*first.shape, self.values.shape[-1]))
+        found[:, :, 0] = first
+        del first
+        for number in range(1, self.values.shape[-1]):
+            found[:, :, number] = self.component(number, rows, points)
+        return found
 
     def _of(self, values: Floats, rows: slice | Ints) -> Floats:
         """Values (r, k) of the elements ``rows``."""

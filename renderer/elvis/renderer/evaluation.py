@@ -41,7 +41,7 @@ from elvis.renderer.rendering import Renderer
 #: modes of rules that are tried in turn, the change below which a norm has converged, and the most points of a rule
 _MODES, _CONVERGED, _MOST = (4, 6, 8, 12, 16, 24, 32, 48, 64, 96), 1e-11, 1 << 22
 #: points that are sampled together
-_BATCH = 1 << 17
+_BATCH = 1 << 15
 #: points that ranges are sampled at, as a rule
 _MANY = 1 << 18
 _AMBIGUOUS, _INSIDE = 2, 1
@@ -169,8 +169,10 @@ class Evaluation:
         """All facts, by topic, as plain data."""
         names = [*self.opened.fields, *texts]
         with self._load(self.expressions(names)) as (volume, device):
-            sampled = [_sample(number, names, volume, device) for number in range(len(volume.parts))]
-        fields = _ranges(names, volume, sampled)
+            extents = [_extents(number, names, volume, device) for number in range(len(volume.parts))]
+        lowest = np.stack([own for own, _ in extents]).min(axis=0)
+        highest = np.stack([own for _, own in extents]).max(axis=0)
+        fields = _ranges(names, volume, lowest[1:], highest[1:])
         return {
             "plugin": self.opened.name,
             "format": self.opened.source.format,
@@ -178,7 +180,7 @@ class Evaluation:
             "time": float(self.opened.source.time),
             "elements": {part.type: len(part) for part in volume.parts},
             "box": _box(volume),
-            "jacobian": _jacobian(volume, sampled),
+            "jacobian": {"minimum": float(lowest[0]), "maximum": float(highest[0])},
             "fields": {name: fields[name] for name in self.opened.fields},
             "quantities": {name: fields[name] for name in texts},
         }
@@ -283,42 +285,58 @@ def _sums(
     return (table**2) @ measure, table.min(axis=1), table.max(axis=1)
 
 
-def _sample(number: int, texts: Sequence[str], volume: Volume, device: Renderer) -> list[Samples]:
-    """Samples of each quantity at many points of a part's elements."""
+def _sampled(number: int, texts: Sequence[str], volume: Volume, device: Renderer) -> Iterator[list[Samples]]:
+    """Samples of each quantity at many points of a part's elements, a batch of points at a time."""
     part = volume.parts[number]
     if part.shape is None:
         elements, offsets = probes(part, volume.dimension)
         points = offsets + device.sample_elements(number, elements[:1], offsets[:1]).center
-    else:
-        modes = min(16, max(4, int(np.cbrt(_MANY / len(part)))))
-        lattice = _rule(part, modes).points
-        elements, points = np.repeat(np.arange(len(part)), len(lattice)), np.tile(lattice, (len(part), 1))
+        yield _inside(number, elements, points, texts, volume, device)
+        return
+    modes = min(16, max(4, int(np.cbrt(_MANY / len(part)))))
+    lattice = _rule(part, modes).points
+    step = max(1, _BATCH // len(lattice))
+    for first in range(0, len(part), step):
+        some = np.arange(first, min(first + step, len(part)))
+        elements, points = np.repeat(some, len(lattice)), np.tile(lattice, (len(some), 1))
+        yield _inside(number, elements, points, texts, volume, device)
+
+
+def _inside(
+    number: int, elements: Ints, points: Floats, texts: Sequence[str], volume: Volume, device: Renderer
+) -> list[Samples]:
+    """Samples of each quantity at those of the points (n, 3) that lie in their elements (n,)."""
     found = [_samples_in(number, elements, points, device, _quantity_name(volume, text)) for text in texts]
     inside = found[0].margin >= -1e-9
     return [Samples(**{name: column[inside] for name, column in vars(one).items()}) for one in found]
 
 
-def _ranges(texts: Sequence[str], volume: Volume, sampled: Sequence[Sequence[Samples]]) -> dict[str, Any]:
-    """Certified bounds of each quantity, where all parts give them, and the minimum and maximum value of samples."""
+def _extents(number: int, texts: Sequence[str], volume: Volume, device: Renderer) -> tuple[Floats, Floats]:
+    """(1 + k,) minima and maxima at the samples of a part: of the determinant, and of the finite values of quantities.
+
+    Infinite without samples, the minimum positive and the maximum negative.
+    """
+    lowest, highest = np.full(1 + len(texts), np.inf), np.full(1 + len(texts), -np.inf)
+    for batch in _sampled(number, texts, volume, device):
+        columns = [np.linalg.det(batch[0].jacobian), *(own.value[np.isfinite(own.value)] for own in batch)]
+        lowest = np.minimum(lowest, [column.min(initial=np.inf) for column in columns])
+        highest = np.maximum(highest, [column.max(initial=-np.inf) for column in columns])
+    return lowest, highest
+
+
+def _ranges(texts: Sequence[str], volume: Volume, lowest: Floats, highest: Floats) -> dict[str, Any]:
+    """Certified bounds of each quantity, where all parts give them, and the extrema (k,) of samples."""
     found: dict[str, Any] = {}
-    for k, text in enumerate(texts):
+    for text, least, most in zip(texts, lowest.tolist(), highest.tolist(), strict=True):
         every = [part.quantities.get(text, part).bounds for part in volume.parts]
         bounds = [give() for give in every if give is not None]
-        values = np.concatenate([own[k].value for own in sampled])
-        values = values[np.isfinite(values)]
         found[text] = dict.fromkeys(("lower", "upper", "minimum", "maximum"))
-        if len(values):
-            found[text].update(minimum=float(values.min()), maximum=float(values.max()))
+        if least <= most:
+            found[text].update(minimum=least, maximum=most)
         if len(bounds) == len(every):
             low, high = np.nanmin([own[0].min() for own in bounds]), np.nanmax([own[1].max() for own in bounds])
             found[text].update(lower=float(low), upper=float(high))
     return found
-
-
-def _jacobian(volume: Volume, sampled: Sequence[Sequence[Samples]]) -> dict[str, float]:
-    """Extrema of the determinant at the samples."""
-    found = np.concatenate([np.linalg.det(own[0].jacobian) for own in sampled])
-    return {"minimum": float(found.min()), "maximum": float(found.max())}
 
 
 def _box(volume: Volume) -> dict[str, list[float]]:

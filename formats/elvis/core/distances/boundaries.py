@@ -169,8 +169,10 @@ def owners_of_sides(mesh: Mesh, members: Sequence[Ints]) -> Ints:
     """
     shapes = [shape for shape in mesh.entities if shape.dimension == mesh.dimension - 1]
     count = sum(len(mesh.of(shape)) for shape in shapes) if mesh.dimension > 1 else len(mesh.vertices)
-    every = np.concatenate([np.empty(0, np.int64), *(own.reshape(-1) for own in members)])
-    return np.bincount(every, minlength=count)
+    owners = np.zeros(count, np.int64)
+    for own in members:
+        owners += np.bincount(own.reshape(-1), minlength=count)
+    return owners
 
 
 def outer_sides(mesh: Mesh, owners: Ints) -> Bools:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints, distinct
 from elvis.core.dataset import Dataset
 from elvis.core.geometry import Assembly, GeometryBlock, parts
 from elvis.core.mapping.orientation import chunks
@@ -46,7 +46,7 @@ class Folded:
     def joined(parts: Sequence[Folded]) -> Folded:
         """The combined results for parts of a dataset."""
         wrong, undecided = (
-            np.unique(np.concatenate([np.empty(0, np.int64), *ids]))
+            distinct(np.concatenate([np.empty(0, np.int64), *ids]))
             for ids in ([own.wrong for own in parts], [own.undecided for own in parts])
         )
         return Folded(wrong, undecided)
@@ -75,17 +75,17 @@ def folded(dataset: Dataset, ranks: Ranks = ALONE) -> Folded:
     """
     wrong, undecided = np.empty(0, np.int64), np.empty(0, np.int64)
     if dataset.mesh.space == dataset.mesh.dimension:
-        wrong, undecided = _of_suspects(dataset, list(_suspects(dataset)))
+        wrong, undecided = _of_suspects(dataset)
     every = ranks.exchange((wrong, undecided), "elements that fold")
     return Folded.joined([Folded(*own) for own in every])
 
 
-def _suspects(dataset: Dataset) -> Iterator[GeometryBlock]:
-    """The maps of elements that don't pass the quick test."""
+def _suspects(dataset: Dataset) -> Iterator[tuple[GeometryBlock | Assembly, Ints]]:
+    """Parts of the map, and rows (n,) of elements that don't pass the quick test."""
     for part in parts(dataset):
         for rows in _doubtful(part):
             if len(rows):
-                yield GeometryBlock(part.expansion, part.element_ids[rows], _maps(part, rows))
+                yield part, rows
 
 
 def _doubtful(part: GeometryBlock | Assembly) -> Iterator[Ints]:
@@ -122,20 +122,21 @@ def _are_positive_simplices(corners: Floats) -> Bools:
         return np.asarray(np.linalg.det(edges) > ROUNDING * sizes)
 
 
-def _of_suspects(dataset: Dataset, blocks: Sequence[GeometryBlock]) -> tuple[Ints, Ints]:
+def _of_suspects(dataset: Dataset) -> tuple[Ints, Ints]:
     """Ids of elements that are proved not to be positive, and of undecided ones."""
     wrong, undecided = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
     left = PROVED_NUMBERS
-    for block in blocks:
-        size = (3 * max(block.expansion.modes)) ** block.expansion.shape.dimension
-        count = min(len(block), left // size)
+    for part, rows in _suspects(dataset):
+        size = (3 * max(part.expansion.modes)) ** part.expansion.shape.dimension
+        count = min(len(rows), left // size)
         left -= count * size
-        own = GeometryBlock(block.expansion, block.element_ids[:count], block.coefficients[:count])
+        ids = part.element_ids[rows]
+        own = GeometryBlock(part.expansion, ids[:count], _maps(part, rows[:count]))
         found = validity(dataset, [own])
         wrong.append(found.element_ids[found.status == ValidityStatus.NOT_POSITIVE])
         is_nonnegative = found.lower >= -TOUCHING * found.error
         undecided.append(found.element_ids[(found.status == ValidityStatus.UNDECIDED) & ~is_nonnegative])
-        undecided.append(block.element_ids[count:])
+        undecided.append(ids[count:])
     return np.concatenate(wrong), np.concatenate(undecided)
 
 

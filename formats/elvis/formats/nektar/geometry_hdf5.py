@@ -17,7 +17,7 @@ from elvis.core.shapes import Shape
 from elvis.formats.nektar import hdf5
 from elvis.formats.nektar.assembly import RawComposite, RawCurves, RawGeometry
 from elvis.formats.nektar.composites import composite_ids, format_tokens, parse_tokens, written_composites
-from elvis.formats.nektar.geometry_output import entity_ids, member_ids
+from elvis.formats.nektar.geometry_output import entity_ids, lower_ids
 from elvis.formats.nektar.geometry_xml import owned
 from elvis.formats.nektar.hdf5 import created
 from elvis.formats.nektar.numbers import IdList, format_ids
@@ -154,7 +154,8 @@ def write_geometry(path: Path, mesh: Mesh) -> None:
         data["VERT"], maps["VERT"] = mesh.vertices, int32(mesh.vertex_ids)
         for shape, name in NAMES.items():
             if len(mesh.of(shape)):
-                data[name], maps[name] = int32(member_ids(mesh, shape)), int32(mesh.of(shape).ids)
+                data[name] = int32(lower_ids(mesh, shape))[mesh.of(shape).members]
+                maps[name] = int32(mesh.of(shape).ids)
         _write_curves(data, maps, mesh)
         _write_composites(data, maps, mesh)
         _write_domains(data, maps, mesh, is_plain)

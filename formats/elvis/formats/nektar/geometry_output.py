@@ -37,8 +37,12 @@ def write_geometry(writer: Writer, mesh: Mesh, is_compressed: bool) -> None:
 
 def member_ids(mesh: Mesh, shape: Shape) -> Ints:
     """(n, k) ids of the vertices, edges or faces that bound the entities of a shape."""
-    lower = mesh.vertex_ids if shape.dimension == 1 else entity_ids(mesh, shape.dimension - 1)
-    return lower[mesh.of(shape).members]
+    return lower_ids(mesh, shape)[mesh.of(shape).members]
+
+
+def lower_ids(mesh: Mesh, shape: Shape) -> Ints:
+    """(n,) ids of all vertices, edges or faces of one dimension less than a shape."""
+    return mesh.vertex_ids if shape.dimension == 1 else entity_ids(mesh, shape.dimension - 1)
 
 
 def entity_ids(mesh: Mesh, dimension: int) -> Ints:

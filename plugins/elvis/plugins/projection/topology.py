@@ -11,7 +11,7 @@ from elvis.core.arrays import Floats, Ints, distinct, frozen_floats, frozen_ints
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.mapping.connectivity import connected
 from elvis.core.mapping.mode_entities import entities
-from elvis.core.mapping.orientation import local_vertices
+from elvis.core.mapping.orientation import chunks, even_chunks, local_vertices
 from elvis.core.mesh import Entities, Mesh
 from elvis.core.polynomials.expansion import values_and_gradients
 from elvis.core.polynomials.interpolation import modified
@@ -22,6 +22,9 @@ from elvis.plugins.projection.frames import orders
 from elvis.plugins.projection.naming import composites
 from elvis.plugins.projection.numbering import Corners, chosen_orders, conflicting_elements, ranks
 from elvis.plugins.projection.vertices import merge_vertices, merging_tolerance, neighbours
+
+#: elements whose places are computed together
+_ELEMENTS_AT_ONCE = 1 << 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +83,7 @@ def topology(source: Converter, is_collapsed: Callable[[int], bool]) -> Topology
     is_planar = not vertices[:, 2].any()
     drafts = []
     for number, (block, own) in enumerate(zip(blocks, which, strict=True)):
-        is_mirrored = _is_left_handed(block.shape, vertices[own], is_planar)
+        is_mirrored = _is_left_handed(block.shape, vertices, own, is_planar)
         shape = Shape.HEXAHEDRON if is_collapsed(number) else block.shape
         drafts.append(_Draft(number, block, shape, own, own, is_mirrored))
 
@@ -140,19 +143,19 @@ def _check(source: Converter) -> Sequence[Elements]:
 def _corner_places(source: Converter, block: Elements) -> Floats:
     """(n, v, 3) where the vertices of the source's elements lie."""
     points = block.shape.vertices if block.frame is None else np.asarray(block.frame, np.float64)
-    found = np.asarray(source.positions(block.take(slice(0, block.count)), points), np.float64)
-    if found.ndim != 3 or found.shape[:2] != (len(block), len(points)):
-        raise ElvisError(f"positions: expected an array of shape ({len(block)}, {len(points)}, 3), found {found.shape}")
-    wrong = np.flatnonzero(~np.isfinite(found).all(axis=(1, 2)))
+    places = np.zeros((len(block), len(points), 3))
+    for rows in even_chunks(len(block), _ELEMENTS_AT_ONCE):
+        found = np.asarray(source.positions(block.take(rows), points), np.float64)
+        count = rows.stop - rows.start
+        if found.ndim != 3 or found.shape[:2] != (count, len(points)):
+            raise ElvisError(f"positions: expected an array of shape ({count}, {len(points)}, 3), found {found.shape}")
+        places[rows, :, : found.shape[2]] = found
+    wrong = np.flatnonzero(~np.isfinite(places).all(axis=(1, 2)))
     if len(wrong):
         name = wrong[0] if block.ids is None else block.ids[wrong[0]]
         raise ElvisError(
             f"{block.shape.label.lower()} {name}: expected finite coordinates, found {len(wrong)} elements without"
         )
-    if found.shape[2] == 3:
-        return found
-    places = np.zeros((*found.shape[:2], 3))
-    places[:, :, : found.shape[2]] = found
     return places
 
 
@@ -160,30 +163,34 @@ def _vertices(
     blocks: Sequence[Elements], places: Sequence[Floats], tolerance: float
 ) -> tuple[Ints, list[Ints], Floats]:
     """The source's number of each vertex, the vertices of each block's elements, and where they lie."""
-    numbers = [
-        np.full(np.prod(p.shape[:2]), -1) if b.vertices is None else np.asarray(b.vertices, np.int64).reshape(-1)
-        for b, p in zip(blocks, places, strict=True)
-    ]
-    stacked = np.concatenate(numbers)
+    counts = [p.shape[0] * p.shape[1] for p in places]
+    stacked = np.full(sum(counts), -1)
+    for block, part in zip(blocks, np.split(stacked, np.cumsum(counts)[:-1]), strict=True):
+        if block.vertices is not None:
+            part[:] = np.reshape(block.vertices, -1)
     corners = [p.reshape(-1, 3) for p in places]
     vertex, where = merge_vertices(stacked, np.concatenate(corners) if len(corners) > 1 else corners[0], tolerance)
     own = np.full(len(where), -1)
     own[vertex] = stacked
-    parts = np.split(vertex, np.cumsum([len(part) for part in numbers])[:-1])
+    parts = np.split(vertex, np.cumsum(counts)[:-1])
     return own, [part.reshape(p.shape[:2]) for part, p in zip(parts, places, strict=True)], where
 
 
-def _is_left_handed(shape: Shape, corners: Floats, is_planar: bool) -> bool:
-    """Whether most elements with ``corners`` (n, v, 3) have a negative Jacobian at their centre."""
-    if shape.dimension == 1 or (shape.dimension == 2 and not is_planar) or not len(corners):
+def _is_left_handed(shape: Shape, places: Floats, elements: Ints, is_planar: bool) -> bool:
+    """Whether most elements with vertices (n, v) at ``places`` have a negative Jacobian at their centre."""
+    if shape.dimension == 1 or (shape.dimension == 2 and not is_planar) or not len(elements):
         return False
     centre = shape.vertices.mean(axis=0, keepdims=True)
     if shape is not Shape.HEXAHEDRON and shape is not Shape.QUADRILATERAL:
         centre = 0.5 * centre + 0.5 * shape.vertices[:1]
     linear = modified(shape, (2,) * shape.dimension)
     gradients = values_and_gradients(linear, centre)[1][0][:, entities(shape, 2).vertices]
-    jacobians = np.einsum("evc,dv->ecd", corners[:, :, : shape.dimension], gradients)
-    return bool((np.linalg.det(jacobians) < 0).mean() > 0.5)
+    negative = 0
+    for rows in chunks(len(elements), _ELEMENTS_AT_ONCE):
+        corners = places[elements[rows]]
+        jacobians = np.einsum("evc,dv->ecd", corners[:, :, : shape.dimension], gradients)
+        negative += int((np.linalg.det(jacobians) < 0).sum())
+    return negative > 0.5 * len(elements)
 
 
 def _part_repeated(draft: _Draft, pool: _Pool) -> Ints:

@@ -14,7 +14,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints, groups, narrow_ints
 from elvis.core.mapping.mode_entities import edge_places, face_grid
 from elvis.core.mapping.orientation import (
     chunks,
@@ -93,10 +93,10 @@ class Traces:
             turns = face_turns(block.vertices[:, list(local)], self.faces[kind][rows])
         free = self._face_modes[kind][rows] == _NEVER
         owns = np.zeros(len(rows), bool)
-        first = np.unique(rows[free], return_index=True)[1]
+        first = groups(rows[free])[0]
         owns[np.flatnonzero(free)[first]] = True
         self._face_modes[kind][rows[free]] = self.modes[number]
-        return _Link(kind, rows, turns, owns)
+        return _Link(kind, narrow_ints(rows, len(self.faces[kind])), turns.astype(np.int8), owns)
 
     def _edge_links(self, kind: Shape) -> list[tuple[Ints, Bools]]:
         """For each local edge of a kind of faces: the edges (n,) and which of them run against its direction."""

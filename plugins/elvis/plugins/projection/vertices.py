@@ -8,9 +8,12 @@ from itertools import combinations, product
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints, distinct_bits, groups
+from elvis.core.mapping.orientation import chunks
 
 #: corners closer than this share of the nearest pair of corners of an element may be one vertex
 _SHARE = 1e-3
+#: corners that are compared together
+_CORNERS_AT_ONCE = 1 << 16
 
 
 def merge_vertices(numbers: Ints, corners: Floats, tolerance: float) -> tuple[Ints, Floats]:
@@ -26,8 +29,9 @@ def merge_vertices(numbers: Ints, corners: Floats, tolerance: float) -> tuple[In
         return vertex, corners[groups(vertex)[0]]
     first, which = groups(numbers)
     apart = np.zeros(len(numbers), np.bool_)
-    for column in corners.T:
-        apart |= np.abs(column - column[first][which]) > tolerance
+    for part in chunks(len(numbers), _CORNERS_AT_ONCE):
+        distance = np.abs(corners[part] - corners[first[which[part]]])
+        apart[part] = (distance > tolerance).any(axis=1)
     unsure = (numbers < 0) | np.isin(which, which[apart])
     if not unsure.any():
         return which, corners[first]
@@ -123,8 +127,9 @@ def _shortest(corners: Floats, pairs: Iterable[tuple[int, int]]) -> float:
     """The smallest distance between corners (n, v, 3) of a pair that lie apart; infinite without any."""
     least = np.inf
     for i, j in pairs:
-        x, y, z = np.abs(corners[:, i] - corners[:, j]).T
-        distances = np.maximum(np.maximum(x, y), z)
-        apart: Bools = distances > 0
-        least = min(least, float(distances[apart].min(initial=np.inf)))
+        for rows in chunks(len(corners), _CORNERS_AT_ONCE):
+            x, y, z = np.abs(corners[rows, i] - corners[rows, j]).T
+            distances = np.maximum(np.maximum(x, y), z)
+            apart: Bools = distances > 0
+            least = min(least, float(distances[apart].min(initial=np.inf)))
     return least
