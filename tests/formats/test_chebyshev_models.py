@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 from numpy.polynomial import chebyshev
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.chebyshev_models import level_search, modelled_boxes
 from elvis.core.chebyshev_models import model as models
-from elvis.core.chebyshev_models.expression_models import BoxLeaves, has_models, model_of
+from elvis.core.chebyshev_models import modelled_boxes
+from elvis.core.chebyshev_models.derivative_series import DerivativeSeries, derivatives_in
+from elvis.core.chebyshev_models.expression_models import BoxLeaves, errors_in_eighths, has_models, model_of
 from elvis.core.chebyshev_models.level_search import LevelSearch
 from elvis.core.chebyshev_models.model_boxes import ModelBoxes, ShapeFacets, half_along
 from elvis.core.chebyshev_models.series import (
@@ -98,7 +99,7 @@ def differences(text: str, count: int, half: float, seed: int) -> tuple[Floats, 
     """(ORDERS, boxes) largest differences found between a quantity and its model, and the bounds of them, in x."""
     root, series, scale = root_of(text), random_series(2, 4, seed), 1.0 / (ROOM * half)
     exact = np.zeros(series.shape[:2])
-    model = model_of(root, BoxLeaves(NAMES, series, exact, exact, scale, count))
+    model = model_of(root, BoxLeaves(NAMES, (), series, exact, exact, exact[:, None], scale, count))
     inner, step = REACH / ROOM, 1e-4
     points = np.random.default_rng(seed + 1).uniform(-inner, inner, (200, 3))
     points[:100] = inner * np.sign(points[:100])
@@ -120,7 +121,7 @@ def differences(text: str, count: int, half: float, seed: int) -> tuple[Floats, 
 def exact_leaves(series: Floats, count: int) -> BoxLeaves:
     """Leaves of one box without errors."""
     exact = np.zeros(series.shape[:2])
-    return BoxLeaves(NAMES, series, exact, exact, 1.0, count)
+    return BoxLeaves(NAMES, (), series, exact, exact, exact[:, None], 1.0, count)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,8 +143,8 @@ class Whole:
             series = along_axes(series, *(to_half(series.shape[-1], own) for own in sides))
             side /= 2
             place = place + side * sides
-        count = len(rows)
-        return ModelBoxes(rows, np.tile(centre, (count, 1)), np.full(count, half), series, np.zeros(series.shape[:2]))
+        places = np.tile(centre, (len(rows), 1)), np.full(len(rows), half)
+        return ModelBoxes.of_polynomials(rows, *places, series, np.zeros(series.shape[:2]))
 
 
 @pytest.mark.parametrize("text", EXPRESSIONS)
@@ -209,11 +210,16 @@ def test_series_stay_within_their_bounds_in_eighths() -> None:
     assert (reach.max(axis=1) < 0.7 * total).all()
 
 
-def test_boxes_contain_the_whole_level_set() -> None:
+@pytest.mark.parametrize("nodes", [0, 8])
+def test_boxes_contain_the_whole_level_set(nodes: int) -> None:
+    """Also with models of the derivatives on larger boxes, whose errors are a good part of those of the product."""
     root, level = root_of("d(u,x)*d(v,y)-d(u,y)*d(v,x)"), 0.05
     series = random_series(2, 3, 11)
     exact = np.zeros(series.shape[:2])
     search = LevelSearch(Whole(series), root, NAMES, exact, ShapeFacets(CUBE), 7)
+    if nodes:
+        derivatives = derivatives_in((root,))
+        search = replace(search, halvings=2, count=10, derivatives=derivatives, nodes_of_derivatives=nodes)
     boxes = search.find(level)
     assert len(boxes.unmodelled) == 0
     assert len(boxes) > 0
@@ -246,6 +252,27 @@ def test_boxes_contain_the_whole_level_set() -> None:
         assert (true[inner] <= boxes.world[number, 3:]).all()
 
 
+def test_derivatives_on_parts_of_boxes_are_within_their_errors() -> None:
+    """Series of four terms a direction lack terms, which count with those that the models lack."""
+    series, rows, half = random_series(2, 3, 11), np.arange(2), 0.5
+    elements, exact = Whole(series), np.zeros(series.shape[:2])
+    centres = np.array([[-half] * 3, [half] * 3])
+    boxes = [elements.boxes(rows, centre, half) for centre in centres]
+    scale = 1.0 / (ROOM * half)
+    leaves = [BoxLeaves(NAMES, (), own.leaves, exact, own.off, own.lost, scale, 8) for own in boxes]
+    root = root_of("d(u,x)")
+    found = DerivativeSeries.of((root,), leaves, elements, rows, centres, half, 4)
+    place, side = np.array([0.25, 0.75, 0.25]), 0.25
+    part = found.boxes(rows, place, side)
+    assert part.leaves.shape[1:] == (6, 4, 4, 4)
+    s = np.random.default_rng(1).uniform(-REACH, REACH, (200, 3))
+    for element in rows:
+        true = truth(root, series[element], (place + side * s) / ROOM, 1.0 / ROOM)
+        difference = np.abs(values(part.leaves[element, -1], s / ROOM) - true).max()
+        bound = part.lost[element, 0, -1] + part.off[element, -1]
+        assert 0.02 * bound < difference <= bound
+
+
 def test_conditions_drop_boxes_and_tell_where_they_are_open() -> None:
     """Levels count nowhere, everywhere, or where a sign says so; the slope of its values is then bounded."""
     series = random_series(2, 3, 11)
@@ -269,13 +296,28 @@ def test_conditions_drop_boxes_and_tell_where_they_are_open() -> None:
         assert 0.02 * slope_bound < change <= 1.001 * slope_bound
 
 
-def test_series_that_need_too_much_memory_are_less_close(monkeypatch: pytest.MonkeyPatch) -> None:
-    series = random_series(2, 3, 11)
-    exact = np.zeros(series.shape[:2])
-    search = LevelSearch(Whole(series), root_of("u*v"), NAMES, exact, ShapeFacets(CUBE), 7, root_of("u+v"))
-    close = search.planned(0.0, 2).tolerance
-    monkeypatch.setattr(level_search, "_MOST_BYTES", 0)
-    assert search.planned(0.0, 2).tolerance > close
+@pytest.mark.parametrize("text", ["u*v^2", "1/(3+u)", "d(u,x)*v"])
+def test_errors_of_values_are_bounded_in_eighths(text: str) -> None:
+    """Values that are computed from leaves that are off by their errors; bounds of the whole box are larger."""
+    root, series, wrong = root_of(text), random_series(1, 3, 7), 1e-6
+    leaves = replace(exact_leaves(series, 8), errors=np.array([[0.0, 0.0, 0.0, wrong, wrong]]))
+    (bounds,) = errors_in_eighths((root,), leaves)
+    rng = np.random.default_rng(8)
+    sides = np.array([[number >> axis & 1 for axis in range(3)] for number in range(8)])
+    found = np.zeros(8)
+    for change in (-wrong, wrong):
+        moved = series.copy()
+        # derivatives of polynomials of degree 3 change by up to 2 * 3 times the error of values
+        moved[0, 3, 0, 0, 0] += change
+        moved[0, 3, 0, 0, 1] += 6.0 * change * ("d(" in text)
+        moved[0, 4, 0, 0, 0] += change
+        for eighth in range(8):
+            s = 0.5 * (2.0 * sides[eighth] - 1.0 + rng.uniform(-REACH, REACH, (200, 3)))
+            values_of = [truth(root, own[0], s / ROOM, 1.0) for own in (series, moved)]
+            found[eighth] = max(found[eighth], np.abs(values_of[1] - values_of[0]).max())
+    assert (found <= bounds[0]).all()
+    assert (found > 0.1 * bounds[0]).all()
+    assert bounds.max() < model_of(root, leaves).error[0]
 
 
 def test_elements_with_nan_or_flat_maps_have_no_model() -> None:
@@ -307,7 +349,7 @@ def test_models_are_good_within_their_part_of_the_range(remainder: float, share:
     coefficients[0, 1, 0, 0] = 1.0
     lacking = np.zeros((ORDERS, 2))
     nowhere = None, np.zeros(2, int), np.zeros((2, 3)), np.ones(2)
-    boxes = modelled_boxes.ModelledBoxes(*nowhere, coefficients, lacking, np.zeros(2), None)
+    boxes = modelled_boxes.ModelledBoxes(*nowhere, coefficients, lacking, np.zeros(2), None, np.zeros((2, 1, 8)))
     assert boxes.is_good.all()
     limit = modelled_boxes.MODEL_PART * boxes.range[0]
     lacking[:, 0] = remainder * limit / modelled_boxes.lacking(np.ones((ORDERS, 1)))
@@ -319,7 +361,7 @@ def test_derivatives_of_conditions_halve_with_their_boxes() -> None:
     coefficients = np.zeros((1, 3, 3, 3))
     coefficients[0, 1, 0, 0], coefficients[0, 0, 1, 0], coefficients[0, 0, 0, 1] = 3.0, -2.0, 1.0
     nothing = np.zeros(1)
-    condition = modelled_boxes.Condition(coefficients, nothing, np.array([6.0]), nothing, nothing)
+    condition = modelled_boxes.Condition(coefficients, nothing, np.array([6.0]), nothing)
     for axis in range(3):
         condition = condition.on_side(axis, 1)
     condition = condition.halved()

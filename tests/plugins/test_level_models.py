@@ -38,5 +38,5 @@ def test_rounding_of_sums_counts_in_errors_of_series():
     series, none = np.zeros((1, 3, 4, 4, 4)), np.zeros((1, 3))
     series[0, 0, 0, 0, :2] = 3.0, -2.0
     for own in (0.0, 1e-13):
-        found = BoxLeaves((), series, none, np.full((1, 3), own), 1.0, 6).value(0)
+        found = BoxLeaves((), (), series, none, np.full((1, 3), own), none[:, None], 1.0, 6).value(0)
         assert found.remainder[0] == pytest.approx([own + 5.0 * sum_rounding(4)], rel=1e-9, abs=0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
@@ -11,7 +11,9 @@ from elvis.core.arrays import Floats
 from elvis.core.chebyshev_models.model import ChebyshevModel, constant
 from elvis.core.chebyshev_models.series import (
     ORDERS,
+    REACH,
     along_axes,
+    bounds_in_eighths,
     shells_of,
     slopes_of,
     steepness,
@@ -19,6 +21,7 @@ from elvis.core.chebyshev_models.series import (
     values_at,
 )
 from elvis.core.quantities.tree import LEAVES, Node, fold_all, leaves, ordered, whole_exponent
+from elvis.core.quantities.tree import field as field_of
 
 #: operations that models have
 _OPERATIONS = ("+", "-", "*", "/", "^")
@@ -42,17 +45,21 @@ class BoxLeaves:
     """The map and the fields on n boxes, from which models of expressions are made.
 
     names   of the fields
-    series  (n, 3 + fields, degree + 1 three times) Chebyshev coefficients: x, y, z and the fields
-    errors  (n, 3 + fields) how far values that are computed in an element may be from the true ones
-    off     (n, 3 + fields) how far the series may be from the leaves
+    derivatives  of fields that are leaves themselves, after the fields
+    series  (n, leaves, degree + 1 three times) Chebyshev coefficients: x, y, z, the fields and the derivatives
+    errors  (n, leaves) how far values that are computed in an element may be from the true ones
+    off     (n, leaves) how far the series may be from the leaves, by polynomials of their degree
+    lost    (n, ORDERS, leaves) bounds of other errors of the series, and of the derivatives of these errors in x
     scale   derivatives along a box's x over those along the coordinates of its element
     count   nodes of a line
     """
 
     names: tuple[str, ...]
+    derivatives: tuple[Node, ...]
     series: Floats
     errors: Floats
     off: Floats
+    lost: Floats
     scale: float
     count: int
     _known: dict[object, ChebyshevModel] = field(default_factory=dict)
@@ -69,14 +76,18 @@ class BoxLeaves:
             self._known[key] = self._evaluated(leaf, orders)
         return self._known[key]
 
-    def _evaluated(self, leaf: int, orders: tuple[int, ...]) -> ChebyshevModel:
-        coefficients = self.series[:, leaf]
-        size = coefficients.shape[-1]
-        error, order = self.errors[:, leaf], int(any(orders))
-        if order:
+    def _series(self, leaf: int, orders: tuple[int, ...]) -> tuple[Floats, Floats]:
+        """The series of a leaf or of a derivative, and maximum errors (n,) of their computed values."""
+        coefficients, error = self.series[:, leaf], self.errors[:, leaf]
+        if any(orders):
             # derivatives of Bernstein polynomials are differences of coefficients, times their degree
+            error = 2.0 * (coefficients.shape[-1] - 1) * error
             coefficients = self.scale * slopes_of(coefficients, orders.index(1))
-            error = 2.0 * (size - 1) * error
+        return coefficients, error
+
+    def _evaluated(self, leaf: int, orders: tuple[int, ...]) -> ChebyshevModel:
+        coefficients, error = self._series(leaf, orders)
+        size, order = coefficients.shape[-1], int(any(orders))
         shells = np.pad(shells_of(coefficients), ((0, 0), (0, self.count - size)))
         values = along_axes(coefficients, *3 * [values_at(self.count, size)])
         return ChebyshevModel(values, self._remainder(leaf, order), error, shells)
@@ -89,7 +100,8 @@ class BoxLeaves:
         size = self.series.shape[-1]
         total = np.abs(self.series[:, leaf]).reshape(len(self.series), size**3).sum(axis=1)
         error = self.off[:, leaf] + sum_rounding(size) * total
-        return np.outer([steepness(size, k + order) * self.scale**order for k in range(ORDERS)], error)
+        found = np.outer([steepness(size, k + order) * self.scale**order for k in range(ORDERS)], error)
+        return found if order else found + self.lost[:, :, leaf].T
 
     def cofactor(self, direction: int, axis: int) -> ChebyshevModel:
         """An entry of the matrix of cofactors of the map: the gradient of a coordinate times the determinant."""
@@ -111,9 +123,33 @@ class BoxLeaves:
 
     def derivative(self, name: str, axis: int) -> ChebyshevModel:
         """The derivative of a field along x, y or z."""
+        known = field_of(name, (axis,))
+        if known in self.derivatives:
+            return self.value(3 + len(self.names) + self.derivatives.index(known))
         leaf = 3 + self.names.index(name)
         terms = [self.slope(leaf, direction) * self.cofactor(direction, axis) for direction in range(3)]
         return (terms[0] + terms[1] + terms[2]) * self.inverse_determinant()
+
+
+@dataclass(frozen=True, eq=False)
+class LeavesOfEighths(BoxLeaves):
+    """The leaves on the eighths of n boxes, enlarged by REACH, as constants: their models bound errors more closely."""
+
+    def _evaluated(self, leaf: int, orders: tuple[int, ...]) -> ChebyshevModel:
+        coefficients, error = self._series(leaf, orders)
+        mean, distance = (own.reshape(-1) for own in bounds_in_eighths(coefficients, REACH))
+        distance = distance + np.repeat(self._remainder(leaf, int(any(orders)))[0], 8)
+        none = np.zeros_like(distance)
+        bounds = np.abs(mean) + distance
+        values = mean[:, None, None, None]
+        return ChebyshevModel(values, np.stack([distance, none, none]), np.repeat(error, 8), None, bounds)
+
+
+def errors_in_eighths(roots: Sequence[Node], leaves_of_boxes: BoxLeaves) -> list[Floats]:
+    """(n, 8) maximum errors of computed values of expressions in the eighths of boxes, for each expression."""
+    own = {each.name: getattr(leaves_of_boxes, each.name) for each in fields(BoxLeaves) if each.init}
+    found = models_of(roots, LeavesOfEighths(**{**own, "_known": {}}))
+    return [model.error.reshape(-1, 8) for model in found]
 
 
 def model_of(root: Node, leaves_of_boxes: BoxLeaves) -> ChebyshevModel:

@@ -10,27 +10,24 @@ Restricting a series to an eighth of its box is exact but for rounding.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from elvis.core.arrays import Floats, Ints
-from elvis.core.chebyshev_models.expression_models import BoxLeaves, models_of
+from elvis.core.chebyshev_models.derivative_series import DerivativeSeries, derivatives_in
+from elvis.core.chebyshev_models.expression_models import BoxLeaves, errors_in_eighths, models_of
 from elvis.core.chebyshev_models.model_boxes import (
     ElementSeries,
     ModelBoxes,
     ShapeFacets,
-    in_batches,
     joined,
 )
 from elvis.core.chebyshev_models.modelled_boxes import Condition, ModelledBoxes, lacking
 from elvis.core.chebyshev_models.series import (
     ORDERS,
     ROOM,
-    amplification,
-    steepness,
-    transform_rounding,
 )
 from elvis.core.chebyshev_models.series_boxes import SeriesBoxes
 from elvis.core.quantities.tree import Node
@@ -49,14 +46,16 @@ _NODES_OF_PARTS = 12
 _LOCAL_PART = 5e-4
 #: share of that in terms that are dropped while boxes are bisected
 _OF_DROPPED = 0.05
-#: both tolerances for products with a condition, which are small compared to their range over wide areas
-_CONDITIONED_PART = 1e-4
-#: share of the tolerated error that plans for such products may use: parts of a box have smaller ranges
+#: share of the tolerated error that plans for products with a condition may use: parts of a box have smaller ranges
 _OF_PLANS = 0.1
-#: bytes of the series of all elements beyond which products with a condition are followed less closely
-_MOST_BYTES = 8 << 30
+#: bisections of elements' boxes on which derivatives have models, and nodes of these models that are tried
+_DERIVATIVES_AFTER, _NODES_OF_DERIVATIVES = 1, (12, 14, 16)
 #: boxes whose models are built together: intermediate results stay in the processor's cache
 _AT_ONCE = 32
+
+
+#: elements (n,), and centres (n, 3) and half sides (n,) of boxes in them
+Places = tuple[Ints, Floats, Floats]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,11 +68,12 @@ class LevelSearch:
     errors  (elements, 3 + fields) maximum error of computed values of leaves
     inside  the shape
     degree  of local series, at least the degree of the map
-    tolerance  tolerated error of models with a condition, relative to their range
     condition  an expression that is positive where the level does not count, and negative where it does; None if all
             of it counts
     halvings  of elements' boxes before the first models
     count     nodes per direction of these models; 0 before they are planned
+    derivatives  of fields that have models of their own on larger boxes
+    nodes_of_derivatives  of these models, per direction
     """
 
     elements: ElementSeries
@@ -83,23 +83,30 @@ class LevelSearch:
     inside: ShapeFacets
     degree: int
     condition: Node | None = None
-    tolerance: float = _CONDITIONED_PART
     halvings: int = 0
     count: int = 0
+    derivatives: tuple[Node, ...] = ()
+    nodes_of_derivatives: int = 0
 
     def find(self, level: float) -> SeriesBoxes:
         """The boxes of elements that may hold a level."""
-        search = self.planned(level, len(self.errors)) if self.count == 0 else self
+        search = self.planned() if self.count == 0 else self
         return search._find(level)
 
-    def planned(self, level: float, total: int) -> LevelSearch:
-        """The search with halvings, nodes and tolerance that suit its elements, which stand for ``total``."""
+    @property
+    def roots(self) -> tuple[Node, ...]:
+        """The expression, and the condition if there is one."""
+        return (self.root,) if self.condition is None else (self.root, self.condition)
+
+    def planned(self) -> LevelSearch:
+        """The search with halvings and nodes that suit its elements."""
         rows = np.flatnonzero(self.elements.finite)
         if not len(rows):
             return replace(self, count=_NODES_OF_PARTS)
         # infinite remainders become NaN when combined; neither ever counts as small
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-            return self._affordable(rows, level, total)
+            halvings, count = self._plan(rows)
+            return replace(self, halvings=halvings, count=count)._with_models_of_derivatives(rows)
 
     def _find(self, level: float) -> SeriesBoxes:
         """The boxes of a planned search."""
@@ -108,9 +115,40 @@ class LevelSearch:
         found = [self.none(np.flatnonzero(~finite))]
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             for some in np.array_split(rows, -(-len(rows) // _AT_ONCE)) if len(rows) else []:
-                for boxes in self._boxes_of(some):
-                    found.extend(self._search(boxes, level, self.count, _MOST_MORE_HALVINGS))
+                search = self._on_rows(some)
+                found.extend(search._search(search._boxes_of(some), level, self.count, _MOST_MORE_HALVINGS))
         return SeriesBoxes.joined(found)
+
+    def _with_models_of_derivatives(self, rows: Ints) -> LevelSearch:
+        """The search with models of derivatives on larger boxes if hardly any model on its boxes is worse for it."""
+        derivatives = derivatives_in(self.roots)
+        if not derivatives or self.halvings <= _DERIVATIVES_AFTER:
+            return self
+        direct = self._suitable(rows)
+        for count in _NODES_OF_DERIVATIVES:
+            search = replace(self, derivatives=derivatives, nodes_of_derivatives=count)
+            if search._on_rows(some_of(rows))._suitable(rows) >= _MOST_OF_THEM * direct:
+                return search
+        return self
+
+    def _suitable(self, rows: Ints) -> float:
+        """The part of the models in a box of some elements that are good enough for plans."""
+        boxes = self.elements.boxes(some_of(rows), self._place(self.halvings), 0.5**self.halvings)
+        share = _OF_PLANS if self.condition is not None else 1.0
+        return float(self._models(boxes, self.count).is_within(share).mean())
+
+    def _on_rows(self, rows: Ints) -> LevelSearch:
+        """The search in some elements only, with models of their derivatives."""
+        if not self.derivatives:
+            return self
+        centres, half = self._centres(_DERIVATIVES_AFTER), 0.5**_DERIVATIVES_AFTER
+        direct = replace(self, derivatives=())
+        found = [
+            direct._leaves(self.elements.boxes(rows, centre, half), self.nodes_of_derivatives) for centre in centres
+        ]
+        most = min(self.count, _NODES_OF_PARTS)
+        elements = DerivativeSeries.of(self.derivatives, found, self.elements, rows, centres, half, most)
+        return replace(self, elements=elements)
 
     def _boxes_of(self, rows: Ints) -> Iterator[ModelBoxes]:
         """All boxes of some elements, in groups with several centres."""
@@ -118,21 +156,6 @@ class LevelSearch:
         half = 0.5**self.halvings
         for some in np.array_split(centres, -(-len(centres) * len(rows) // _AT_ONCE)):
             yield joined([self.elements.boxes(rows, centre, half) for centre in some])
-
-    def _affordable(self, rows: Ints, level: float, total: int) -> LevelSearch:
-        """The closest search for all elements (``total``) whose series have room."""
-        halvings, count = self._plan(rows)
-        search = replace(self, halvings=halvings, count=count)
-        if self.condition is not None and self.tolerance < _LOCAL_PART:
-            boxes = self.elements.boxes(some_of(rows), self._place(halvings), 0.5**halvings)
-            times = total * len(self._centres(halvings)) / len(boxes)
-            if 8 * times * search._terms(boxes, level, count) > _MOST_BYTES:
-                return replace(self, tolerance=_LOCAL_PART)._affordable(rows, level, total)
-        return search
-
-    def _terms(self, boxes: ModelBoxes, level: float, count: int) -> int:
-        """Terms of all series on some boxes."""
-        return sum(own.series.size + own.maps.size for own in self._search(boxes, level, count, 0))
 
     def _centres(self, halvings: int) -> Floats:
         """(m, 3) centres of the boxes of a bisected cube that may lie in the shape."""
@@ -145,8 +168,7 @@ class LevelSearch:
         """Halvings of elements' boxes and nodes of a line with which most models of some elements are good enough."""
         good = []
         for halvings, count in _PLANS:
-            boxes = self.elements.boxes(some_of(rows), self._place(halvings), 0.5**halvings)
-            good.append(self._models(boxes, count).is_within(_OF_PLANS if self.condition is not None else 1.0).mean())
+            good.append(replace(self, halvings=halvings, count=count)._suitable(rows))
             if good[-1] == 1.0:
                 break
         # no plan suits singular maps
@@ -161,67 +183,87 @@ class LevelSearch:
         sides[0] = -1
         return np.asarray(0.5 ** np.arange(1, halvings + 1) @ sides[:halvings])
 
-    def _search(self, boxes: ModelBoxes, level: float, count: int, halvings: int) -> Iterator[SeriesBoxes]:
-        """The boxes that may hold the level among some of one size and their parts."""
-        for some in in_batches(boxes, _AT_ONCE):
-            models = self._models(some, count)
+    def _search(self, batches: Iterable[ModelBoxes], level: float, count: int, halvings: int) -> Iterator[SeriesBoxes]:
+        """The boxes that may hold the level among boxes of one size and their parts."""
+        coarse: list[Places] = []
+        vague: list[Places] = []
+        for boxes in batches:
+            models = self._models(boxes, count)
             taken = models.is_good if halvings else models.is_good | models.is_fair
-            yield from self._local(models.part(taken), level, True)
-            rest = some.part(~taken & models.may_hold(level))
-            if halvings and len(rest):
-                yield from self._search(self._afresh(*rest.eighths), level, count, halvings - 1)
+            yield from self._local(models.part(taken), level, vague)
+            rest = models.part(~taken & models.may_hold(level))
+            if halvings:
+                coarse.append(rest.eighths_that_may_hold(level))
             elif len(rest):
                 yield self.none(np.unique(rest.element))
+        yield from self._search_again(coarse, level, count, halvings - 1)
+        yield from self._search_again(vague, level, _NODES_OF_PARTS, 0)
 
-    def _afresh(self, element: Ints, centre: Floats, half: Floats) -> ModelBoxes:
-        """Boxes (n,) of one size that may lie in their elements, with series."""
-        inside = self.inside.holds(centre, half)
+    def _search_again(self, places: list[Places], level: float, count: int, halvings: int) -> Iterator[SeriesBoxes]:
+        """The boxes that may hold the level among places, by models of their own."""
+        if not places:
+            return
+        element = np.concatenate([own[0] for own in places])
+        centre = np.concatenate([own[1] for own in places])
+        half = np.concatenate([own[2] for own in places])
+        for size in np.unique(half):
+            rows = np.flatnonzero(half == size)
+            yield from self._search(self._afresh(element[rows], centre[rows], size), level, count, halvings)
+
+    def _afresh(self, element: Ints, centre: Floats, half: float) -> Iterator[ModelBoxes]:
+        """Boxes (n,) of one size that may lie in their elements, with series; those with the same centre together."""
+        inside = self.inside.holds(centre, np.full(len(centre), half))
         element, centre = element[inside], centre[inside]
-        centres, number = np.unique(centre, axis=0, return_inverse=True)
-        order = np.argsort(number.reshape(-1), kind="stable")
-        rows = np.split(element[order], np.cumsum(np.bincount(number.reshape(-1)))[:-1])
-        none = self.elements.boxes(element[:0], np.zeros(3), 1.0)
-        return joined([none, *(self.elements.boxes(*own, half[0]) for own in zip(rows, centres, strict=True))])
+        order = np.lexsort((element, *centre.T))
+        for some in np.array_split(order, -(-len(order) // _AT_ONCE)) if len(order) else []:
+            changes = np.flatnonzero((np.diff(centre[some], axis=0) != 0.0).any(axis=1)) + 1
+            groups = np.split(some, changes)
+            yield joined([self.elements.boxes(element[rows], centre[rows[0]], half) for rows in groups])
+
+    def _leaves(self, boxes: ModelBoxes, count: int) -> BoxLeaves:
+        """The leaves of the expression on boxes of one size."""
+        scale = 1.0 / (ROOM * boxes.half[0])
+        errors = np.concatenate([self.errors[boxes.element], boxes.errors], axis=1)
+        return BoxLeaves(self.names, self.derivatives, boxes.leaves, errors, boxes.off, boxes.lost, scale, count)
 
     def _models(self, boxes: ModelBoxes, count: int) -> ModelledBoxes:
         """The models of the quantity on boxes of one size."""
-        scale = 1.0 / (ROOM * boxes.half[0])
-        leaves = BoxLeaves(self.names, boxes.leaves, self.errors[boxes.element], boxes.off, scale, count)
-        roots = (self.root,) if self.condition is None else (self.root, self.condition)
-        model, *conditions = models_of(roots, leaves)
-        # values at the nodes are rounded, so the series has an error polynomial of its degree
-        steep = np.array([steepness(count, order) for order in range(ORDERS)])
-        off = amplification(count) * model.error + transform_rounding(count) * model.sizes[0]
-        remainder = model.remainder + np.outer(steep, off)
-        condition = Condition.of(conditions[0], self.tolerance) if conditions else None
+        leaves = self._leaves(boxes, count)
+        model, *conditions = models = models_of(self.roots, leaves)
+        condition = Condition.of(conditions[0]) if conditions else None
+        # errors are much smaller in eighths, where bounds of all intermediate results are closer
+        in_eighths = errors_in_eighths(self.roots, leaves)
+        excess = [own.error[:, None] - closer for own, closer in zip(models, in_eighths, strict=True)]
         places = boxes, np.arange(len(boxes)), boxes.centre, boxes.half
-        return ModelledBoxes(*places, model.coefficients, remainder, model.error, condition)
+        return ModelledBoxes(
+            *places, model.coefficients, model.series_remainder, model.error, condition, np.stack(excess, axis=1)
+        )
 
-    def _local(self, models: ModelledBoxes, level: float, is_whole: bool) -> Iterator[SeriesBoxes]:
+    def _local(
+        self, models: ModelledBoxes, level: float, vague: list[Places], is_whole: bool = True
+    ) -> Iterator[SeriesBoxes]:
         """Series of low degree on the parts of models that may hold the level; ``is_whole`` for whole boxes of models.
 
         Terms beyond the low degree fade as boxes are bisected, but the error of a model does not.  Parts whose range is
-        small compared to this error get models of their own.
+        small compared to this error are appended to ``vague``: they need models of their own.
         """
         models = models.part(models.may_hold(level))
         models = models.part(models.may_hold_in_parts(level))
         if not len(models):
             return
-        part = _LOCAL_PART if self.condition is None else self.tolerance
-        misfit, tolerance = models.misfit(self.degree), part * models.range
+        misfit, tolerance = models.misfit(self.degree), _LOCAL_PART * models.range
         smallest = models.half[0] <= _LEAST_HALF
         is_vague = lacking(models.remainder) > tolerance
         done = (lacking(misfit) <= tolerance) | smallest | (is_vague & is_whole)
         if done.any():
             yield models.part(done).as_series_boxes(self.degree, misfit[:, done])
-        vague = models.part(is_vague & ~done)
-        if len(vague):
-            again = self._afresh(vague.element, vague.centre, vague.half)
-            yield from self._search(again, level, _NODES_OF_PARTS, 0)
+        again = models.part(is_vague & ~done)
+        if len(again):
+            vague.append((again.element, again.centre, again.half))
         rest = models.part(~done & ~is_vague)
         if len(rest):
-            short = rest.shortened(self.degree + 1, _OF_DROPPED * part)
-            yield from self._local(short.eighths(self.inside, level), level, False)
+            short = rest.shortened(self.degree + 1, _OF_DROPPED * _LOCAL_PART)
+            yield from self._local(short.eighths(self.inside, level), level, vague, False)
 
     def none(self, unmodelled: Ints | None = None) -> SeriesBoxes:
         """No boxes, and elements without models."""

@@ -21,7 +21,16 @@ import numpy as np
 
 from elvis.core.arrays import Floats, Ints, frozen_ints
 from elvis.core.bounded_cache import bounded_cache
-from elvis.core.chebyshev_models.series import ORDERS, coefficients_of, growth, shells_of, sizes_of
+from elvis.core.chebyshev_models.series import (
+    ORDERS,
+    amplification,
+    coefficients_of,
+    growth,
+    shells_of,
+    sizes_of,
+    steepness,
+    transform_rounding,
+)
 from elvis.core.polynomials.rounding import UNIT
 
 
@@ -70,6 +79,16 @@ class ChebyshevModel:
         """(n,) bounds of the quantity."""
         return np.asarray(self.sizes[0] + self.remainder[0] + self.error)
 
+    @property
+    def series_remainder(self) -> Floats:
+        """(ORDERS, n) the remainder for the computed coefficients: values at the nodes are rounded, and the transform.
+
+        The difference is a polynomial of their degree.
+        """
+        count = self.values.shape[-1]
+        off = amplification(count) * self.error + transform_rounding(count) * self.sizes[0]
+        return self.remainder + np.outer([steepness(count, order) for order in range(ORDERS)], off)
+
     def __add__(self, other: ChebyshevModel) -> ChebyshevModel:
         """The sum."""
         values, remainder = self.values + other.values, self.remainder + other.remainder
@@ -112,7 +131,7 @@ class ChebyshevModel:
             remainder = np.stack([value, first, second])
             remainder[:, ~((least > 0.0) & np.isfinite(second))] = np.inf
             error = np.where(least > 0.0, self.error / least**2, np.inf)
-            return _rounded(values, remainder, error, ChebyshevModel(values, none, none[0]).greatest)
+            return _rounded(values, remainder, error, inverse.greatest + remainder[0])
 
     def power(self, exponent: int) -> ChebyshevModel:
         """A whole power, 1 at least, by repeated products."""

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from typing import Protocol
 
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.chebyshev_models.series import to_half
+from elvis.core.chebyshev_models.series import ORDERS, to_half
 
 #: the eight eighths of a box
-_EIGHTHS = tuple((x, y, z) for z in (-1, 1) for y in (-1, 1) for x in (-1, 1))
+EIGHTHS = tuple((x, y, z) for z in (-1, 1) for y in (-1, 1) for x in (-1, 1))
+
+
+def eighths_of(offset: Floats) -> Ints:
+    """Numbers (...) in EIGHTHS of the eighths of boxes at offsets (..., 3) from their centres."""
+    return np.asarray((offset > 0.0) @ np.array((1, 2, 4)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,8 +25,10 @@ class ModelBoxes:
 
     element   (n,) rows of elements
     centre    (n, 3) and half (n,) half sides
-    leaves    (n, 3 + fields, degree + 1 three times) series of the map and of fields
-    off       (n, 3 + fields) maximum error of the series
+    leaves    (n, leaves, degree + 1 three times) series of the map, of fields, and of what has models
+    off       (n, leaves) maximum error of the series, by polynomials of their degree
+    lost      (n, ORDERS, leaves) bounds of other errors of the series, and of the derivatives of these errors in x
+    errors    (n, k) maximum error of computed values of the last k leaves, which are models
     """
 
     element: Ints
@@ -30,6 +36,14 @@ class ModelBoxes:
     half: Floats
     leaves: Floats
     off: Floats
+    lost: Floats
+    errors: Floats
+
+    @staticmethod
+    def of_polynomials(element: Ints, centre: Floats, half: Floats, leaves: Floats, off: Floats) -> ModelBoxes:
+        """Boxes whose leaves are all polynomials."""
+        none = np.zeros((len(element), ORDERS, leaves.shape[1]))
+        return ModelBoxes(element, centre, half, leaves, off, none, np.zeros((len(element), 0)))
 
     def __len__(self) -> int:
         return len(self.element)
@@ -37,13 +51,6 @@ class ModelBoxes:
     def part(self, rows: Ints | Bools) -> ModelBoxes:
         """Some of the boxes."""
         return ModelBoxes(*(getattr(self, own.name)[rows] for own in fields(self)))
-
-    @property
-    def eighths(self) -> tuple[Ints, Floats, Floats]:
-        """Elements, centres and half sides of the eighths of all boxes."""
-        half = 0.5 * self.half
-        centres = self.centre[:, None] + half[:, None, None] * np.array(_EIGHTHS)
-        return np.repeat(self.element, 8), centres.reshape(-1, 3), np.repeat(half, 8)
 
 
 class ElementSeries(Protocol):
@@ -68,12 +75,6 @@ class ShapeFacets:
         normal, offset = self.facets[:, :3], self.facets[:, 3]
         farthest = centre @ normal.T + half[:, None] * np.abs(normal).sum(axis=1) + offset
         return np.asarray((farthest >= -1e-9).all(axis=1))
-
-
-def in_batches(boxes: ModelBoxes, count: int) -> Iterator[ModelBoxes]:
-    """Boxes, at most ``count`` at a time."""
-    for first in range(0, len(boxes), count):
-        yield boxes.part(np.arange(first, min(first + count, len(boxes))))
 
 
 def joined(parts: list[ModelBoxes]) -> ModelBoxes:

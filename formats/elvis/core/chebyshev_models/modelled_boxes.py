@@ -8,7 +8,7 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.chebyshev_models.model import ChebyshevModel
-from elvis.core.chebyshev_models.model_boxes import ModelBoxes, ShapeFacets, half_along
+from elvis.core.chebyshev_models.model_boxes import EIGHTHS, ModelBoxes, ShapeFacets, eighths_of, half_along
 from elvis.core.chebyshev_models.series import (
     ORDERS,
     PARTS_ROUNDING,
@@ -22,7 +22,6 @@ from elvis.core.chebyshev_models.series import (
     steepness,
     sum_rounding,
     tails_of,
-    transform_rounding,
 )
 from elvis.core.chebyshev_models.series_boxes import SeriesBoxes, world_boxes
 
@@ -45,6 +44,8 @@ class ModelledBoxes:
     remainder     (ORDERS, n) bounds of its error, and of the error's derivatives in x
     error         (n,) maximum error of computed values of the quantity
     condition     optional: where the level counts
+    excess        (boxes, 1 or 2, 8) by how much the errors of the quantity and of the condition are smaller in the
+                  eighths of the boxes
     """
 
     boxes: ModelBoxes
@@ -55,6 +56,7 @@ class ModelledBoxes:
     remainder: Floats
     error: Floats
     condition: Condition | None
+    excess: Floats
 
     def __len__(self) -> int:
         return len(self.row)
@@ -68,7 +70,9 @@ class ModelledBoxes:
         """Some of the parts."""
         condition = None if self.condition is None else self.condition.part(rows)
         places = self.boxes, self.row[rows], self.centre[rows], self.half[rows]
-        return ModelledBoxes(*places, self.coefficients[rows], self.remainder[:, rows], self.error[rows], condition)
+        return ModelledBoxes(
+            *places, self.coefficients[rows], self.remainder[:, rows], self.error[rows], condition, self.excess
+        )
 
     @property
     def range(self) -> Floats:
@@ -85,8 +89,7 @@ class ModelledBoxes:
         own = lacking(self.remainder)
         count = self.coefficients.shape[-1]
         rounding = amplification(count) * self.error * max(_PIXELS, steepness(count, 1))
-        part = MODEL_PART if self.condition is None else self.condition.tolerance
-        return np.asarray(own <= np.maximum(share * part * self.range, 2.0 * rounding))
+        return np.asarray(own <= np.maximum(share * MODEL_PART * self.range, 2.0 * rounding))
 
     @property
     def is_fair(self) -> Bools:
@@ -101,12 +104,22 @@ class ModelledBoxes:
 
     def may_hold_in_parts(self, level: float) -> Bools:
         """(n,) whether the quantity may have the level in an eighth of a box: the series excludes more there."""
+        return np.asarray(self._may_hold_in_eighths(level).any(axis=1))
+
+    def eighths_that_may_hold(self, level: float) -> tuple[Ints, Floats, Floats]:
+        """Elements, centres and half sides of the eighths in which the quantity may have the level."""
+        box, eighth = np.nonzero(self._may_hold_in_eighths(level))
+        half = 0.5 * self.half[box]
+        return self.element[box], self.centre[box] + half[:, None] * np.array(EIGHTHS)[eighth], half
+
+    def _may_hold_in_eighths(self, level: float) -> Bools:
+        """(n, 8) whether the quantity may have the level in the eighths of a box."""
         mean, reach = bounds_in_eighths(self.coefficients)
         room = (self.remainder[0] + self.error)[:, None]
         meets = ~(np.abs(mean - level) > reach + room)
         if self.condition is not None:
             meets &= ~self.condition.is_positive_in_eighths
-        return np.asarray(meets.any(axis=1))
+        return np.asarray(meets)
 
     def misfit(self, degree: int) -> Floats:
         """(ORDERS, n) the remainders with the terms beyond a degree."""
@@ -157,7 +170,16 @@ class ModelledBoxes:
             np.concatenate([part.remainder for part in parts], axis=1),
             np.concatenate([part.error for part in parts]),
             Condition.joined([part.condition for part in parts if part.condition is not None]),
+            self.excess,
         )
+
+    def _excess(self) -> Floats:
+        """(n, 1 or 2) by how much errors in the parts are smaller than in the boxes."""
+        eighth = eighths_of(self.centre - self.boxes.centre[self.row])
+        is_part = self.half < self.boxes.half[self.row]
+        excess = np.where(is_part[:, None], self.excess[self.row, :, eighth], 0.0)
+        # bounds in eighths may be infinite
+        return np.asarray(np.where(excess > 0.0, excess, 0.0))
 
     def as_series_boxes(self, degree: int, misfit: Floats) -> SeriesBoxes:
         """The parts with series of a degree, and what those lack (ORDERS, n), in x."""
@@ -170,6 +192,7 @@ class ModelledBoxes:
         # kernels sum these series: the rounding of that counts as well
         summed = kernel_rounding(size) * np.abs(series).sum(axis=(1, 2, 3))
         whole = np.tile((-1.0, 0.0), (len(self), 1))
+        excess = self._excess()
         ratio = self.half / boxes.half[map_of]
         centre = (self.centre - boxes.centre[map_of]) / boxes.half[map_of, None]
         return SeriesBoxes(
@@ -178,11 +201,11 @@ class ModelledBoxes:
             half=self.half,
             series=series,
             misfit=misfit.T / ROOM ** np.arange(ORDERS),
-            error=self.error + summed,
+            error=self.error - excess[:, 0] + summed,
             summed=summed,
             places=places,
             world=world_boxes(on_parts(maps[map_of], centre, ratio), places + rounding),
-            condition=whole if self.condition is None else self.condition.in_kernels,
+            condition=whole if self.condition is None else self.condition.in_kernels(excess[:, 1]),
             map_of=map_of,
             unmodelled=np.zeros(0, np.int64),
             map_centre=boxes.centre,
@@ -219,23 +242,19 @@ class Condition:
     remainder     (n,) bounds of the error of the series
     steepness     (n,) bounds of the sum of the magnitudes of its derivatives in x
     error         (n,) maximum error of computed values
-    tolerance     (n,) tolerated error of the models of the quantity, relative to their range
     """
 
     coefficients: Floats
     remainder: Floats
     steepness: Floats
     error: Floats
-    tolerance: Floats
 
     @staticmethod
-    def of(model: ChebyshevModel, tolerance: float) -> Condition:
+    def of(model: ChebyshevModel) -> Condition:
         """A condition with a model."""
-        count = model.values.shape[-1]
-        off = amplification(count) * model.error + transform_rounding(count) * model.sizes[0]
-        steep = 3.0 * (model.sizes[1] + model.remainder[1] + steepness(count, 1) * off)
-        tolerances = np.full(len(off), tolerance)
-        return Condition(model.coefficients, model.remainder[0] + off, steep, model.error, tolerances)
+        remainder = model.series_remainder
+        steep = 3.0 * (model.sizes[1] + remainder[1])
+        return Condition(model.coefficients, remainder[0], steep, model.error)
 
     @staticmethod
     def joined(parts: list[Condition]) -> Condition | None:
@@ -274,11 +293,10 @@ class Condition:
         mean, reach = bounds_in_eighths(self.coefficients)
         return np.asarray(mean > reach + (self.remainder + self.error)[:, None])
 
-    @property
-    def in_kernels(self) -> Floats:
-        """(n, 2) as in SeriesBoxes."""
+    def in_kernels(self, excess: Floats) -> Floats:
+        """(n, 2) as in SeriesBoxes, with errors smaller by (n,)."""
         counts = self.coefficients[:, 0, 0, 0] < -self._room
-        open_ends = np.stack([self.error, self.steepness / ROOM], axis=1)
+        open_ends = np.stack([self.error - excess, self.steepness / ROOM], axis=1)
         return np.where(counts[:, None], (-1.0, 0.0), open_ends)
 
 

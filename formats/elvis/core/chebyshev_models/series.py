@@ -106,30 +106,34 @@ def on_parts(series: Floats, centre: Floats, ratio: Floats) -> Floats:
     centre  (n, 3) centres of the parts, in the coordinates s of the boxes
     ratio   (n,) sides of the parts divided by sides of the boxes
     """
-    count = series.shape[-1]
-    places = centre[:, :, None] / ROOM + ratio[:, None, None] * nodes(count)
-    matrices = to_coefficients(count) @ np.polynomial.chebyshev.chebvander(places, count - 1)
+    matrices = part_matrices(series.shape[-1], centre, ratio)
     return along_axes(series, *(matrices[:, None, axis] for axis in range(3)))
 
 
+def part_matrices(count: int, centre: Floats, ratio: Floats) -> Floats:
+    """(..., 3, count, count) from the coefficients of series to those on parts of boxes, as in `on_parts`."""
+    places = centre[..., None] / ROOM + ratio[..., None, None] * nodes(count)
+    return np.asarray(to_coefficients(count) @ np.polynomial.chebyshev.chebvander(places, count - 1))
+
+
 @bounded_cache
-def _to_inner_halves(count: int) -> Floats:
-    """(2 count, count) from the coefficients of a series to those on both halves of the box |s| <= 1."""
-    points = nodes(count)
+def _to_inner_halves(count: int, reach: float) -> Floats:
+    """(2 count, count) from the coefficients of a series to those on both halves of the box |s| <= 1, enlarged."""
+    points = reach * nodes(count)
     places = [(side + points) / (2.0 * ROOM) for side in (-1, 1)]
     values = [np.polynomial.chebyshev.chebvander(place, count - 1) for place in places]
     return frozen_floats(np.concatenate([to_coefficients(count) @ own for own in values]))
 
 
-def bounds_in_eighths(coefficients: Floats) -> tuple[Floats, Floats]:
+def bounds_in_eighths(coefficients: Floats, reach: float = 1.0) -> tuple[Floats, Floats]:
     """Means (n, 8), and maximum distances from them (n, 8), of series (n, count, count, count) on eighths of |s| <= 1.
 
-    Only terms of low degree are restricted.  The distances include the others, and the rounding of the restriction,
-    for which the reserve is ample.
+    The eighths are enlarged by the factor ``reach``, REACH at most.  Only terms of low degree are restricted.  The
+    distances include the others, and the rounding of the restriction, for which the reserve is ample.
     """
     boxes, count = len(coefficients), min(coefficients.shape[-1], _RESTRICTED)
     low = coefficients[:, :count, :count, :count]
-    halves = _to_inner_halves(count)
+    halves = _to_inner_halves(count, reach)
     parts = along_axes(low, halves, halves, halves).reshape(boxes, 2, count, 2, count, 2, count)
     mean = parts[:, :, 0, :, 0, :, 0].reshape(boxes, 8)
     total = np.abs(parts).sum(axis=(2, 4, 6)).reshape(boxes, 8)

@@ -135,7 +135,7 @@ class ElementLevelSeries:
     def _search(self) -> LevelSearch:
         """A search planned on some of the elements."""
         rows = np.flatnonzero(self.holding)
-        return self.models.search(some_of(rows)).planned(self.level, len(rows))
+        return self.models.search(some_of(rows)).planned()
 
     @property
     def degree(self) -> int:
@@ -209,7 +209,8 @@ class ElementNets:
         off = [errors.reshape(len(rows), m) for (_, errors), m in zip(found, leaves, strict=True)]
         centres = np.tile(centre, (len(rows), 1))
         sides = np.full(len(rows), half)
-        return ModelBoxes(rows, centres, sides, np.concatenate(series, axis=1), np.concatenate(off, axis=1))
+        numbers = (np.concatenate(own, axis=1) for own in (series, off))
+        return ModelBoxes.of_polynomials(rows, centres, sides, *numbers)
 
 
 def series_of(space: BernsteinSpace, nets: Floats, count: int, centre: Floats, half: float) -> tuple[Floats, Floats]:
