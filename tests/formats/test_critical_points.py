@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.core.critical_points import critical_points
+from elvis.core.critical_points import classified, critical_points
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.mapping.connectivity import connected
@@ -192,6 +192,17 @@ def test_kinds(matrix, kind, index):
         for own in (point.eigenvalues, np.linalg.eigvals(matrix))
     ]
     assert order[0] == pytest.approx(order[1], abs=1e-9)
+
+
+@pytest.mark.parametrize("share", [0.99e-9, 1.01e-9])
+def test_parts_of_eigenvalues_count_from_a_billionth_of_the_largest(share):
+    def kind(*matrix):
+        return classified(np.array(matrix), np.zeros(3), 0).kind
+
+    counts = share > 1e-9
+    assert kind([7.0, 0.0], [0.0, 7 * share]) == ("node out" if counts else "degenerate")
+    assert kind([7 * share, -7.0], [7.0, 7 * share]) == ("spiral out" if counts else "centre")
+    assert kind([7.0, -7 * share], [7 * share, 7.0]) == ("spiral out" if counts else "node out")
 
 
 @pytest.mark.parametrize("shape", [Shape.QUADRILATERAL, Shape.TRIANGLE])
