@@ -256,7 +256,7 @@ def test_quasi_3d_data_have_three_components(draw):
 
 
 #: what touches: axes of solids, rays and edges that run along one another, or meet
-@pytest.mark.sampled(least=3, free=("seed",))
+@pytest.mark.sampled(free=("seed",))
 @pytest.mark.parametrize("seed", range(40))
 @pytest.mark.parametrize("shape", ["arrow", "cone"])
 def test_certain_pixels_are_right_in_aligned_views(draw, steady, shape, seed):

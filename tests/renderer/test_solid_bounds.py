@@ -142,7 +142,7 @@ def found(functions, solids):
     return found
 
 
-def curves_of(solids, rng, count=8):
+def curves_of(solids, rng, count=4):
     """Points, first and second derivatives (curves, n, u, 3) of parabolas that turn as much as they may."""
     u = np.linspace(-1, 1, 41) * solids.half[:, None]
     ways = rng.normal(size=(count, COUNT, 3))
@@ -245,7 +245,7 @@ def test_rooms_have_their_derivatives_and_straight_tubes_their_turns(solids, fou
 
 def test_parts_of_strips_are_missed_met_once_or_seen_edge_on(solids, found):
     u, places, speeds, _ = curves_of(solids, np.random.default_rng(2))
-    ways = np.random.default_rng(3).normal(size=(8, COUNT, 3))
+    ways = np.random.default_rng(3).normal(size=(4, COUNT, 3))
     second = ways / np.linalg.norm(ways, axis=2, keepdims=True) * solids.swings[:, None]
     across = solids.side[:, None] + u[..., None] * solids.swing[:, None] + u[..., None] ** 2 / 2 * second[:, :, None]
     swings = solids.swing[:, None] + u[..., None] * second[:, :, None]
@@ -289,7 +289,7 @@ def test_rays_are_within_solids_between_the_ends_of_their_interval(solids, found
     enters, leaves = found["interval"].T
     middle = solids.base + (solids.length / 2)[:, None] * solids.axis
     nearest = ((middle - solids.origin) * solids.along).sum(axis=1)
-    z = np.concatenate([nearest[:, None] + np.linspace(-6, 6, 2401)], axis=1)
+    z = np.concatenate([nearest[:, None] + np.linspace(-6, 6, 1201)], axis=1)
     away = solids.origin[:, None] + z[..., None] * solids.along[:, None] - solids.base[:, None]
     height = np.einsum("nzc,nc->nz", away, solids.axis)
     square = (away**2).sum(axis=2) - height**2
