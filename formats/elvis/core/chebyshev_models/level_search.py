@@ -231,13 +231,13 @@ class LevelSearch:
         leaves = self._leaves(boxes, count)
         model, *conditions = models = models_of(self.roots, leaves)
         condition = Condition.of(conditions[0]) if conditions else None
-        # errors are much smaller in eighths, where bounds of all intermediate results are closer
-        in_eighths = errors_in_eighths(self.roots, leaves)
-        excess = [own.error[:, None] - closer for own, closer in zip(models, in_eighths, strict=True)]
+        excess = np.zeros((len(boxes), len(models), 8))
+        # products have large factors, whose bounds are much closer in eighths; others take less time as they are
+        if conditions:
+            in_eighths = np.stack(errors_in_eighths(self.roots, leaves), axis=1)
+            excess = np.stack([own.error for own in models], axis=1)[..., None] - in_eighths
         places = boxes, np.arange(len(boxes)), boxes.centre, boxes.half
-        return ModelledBoxes(
-            *places, model.coefficients, model.series_remainder, model.error, condition, np.stack(excess, axis=1)
-        )
+        return ModelledBoxes(*places, model.coefficients, model.series_remainder, model.error, condition, excess)
 
     def _local(
         self, models: ModelledBoxes, level: float, vague: list[Places], is_whole: bool = True
