@@ -85,7 +85,7 @@ def test_pages_of_freed_arrays_are_reused():
         program = f"""
 import resource
 import numpy as np
-from elvis.core.memory import retain_free_memory
+from elvis.core.memory import settle_free_memory
 {setting}
 def work():
     arrays = [np.ones(1 << 17) for _ in range(16)]
@@ -101,4 +101,4 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
         )
         return int(done.stdout)
 
-    assert faults("retain_free_memory()") < 0.05 * faults("")
+    assert faults("settle_free_memory()") < 0.05 * faults("")

@@ -22,28 +22,17 @@ _OWN_PAGES, _MMAP_THRESHOLD = 1 << 22, -3
 _RETAINED, _TRIM_THRESHOLD = 1 << 27, -1
 
 
-def give_back_at_once() -> None:
-    """Return long arrays to the system as soon as they are freed, for the rest of the process.
+def settle_free_memory() -> None:
+    """Return long arrays to the system as soon as they are freed, and reuse the pages of others, from now on.
 
     By default, after an array was freed, glibc serves requests up to that size (at most 32 MiB) from one heap, where
-    gaps between arrays stay with the process.  Has no effect without glibc.
+    gaps between arrays stay with the process.  If only that is changed, the end of the heap is returned once a few
+    short arrays there are freed: the next ones need new pages, and clearing these costs a virtual machine more than the
+    arithmetic on the arrays.  Has no effect without glibc.
     """
     set_option = _of_glibc("mallopt")
     if set_option is not None:
         set_option(_MMAP_THRESHOLD, _OWN_PAGES)
-
-
-def retain_free_memory() -> None:
-    """Reuse the pages of freed arrays up to 4 MiB instead of returning them, for the rest of the process.
-
-    The default of glibc returns the end of its heap once a few arrays there are freed.  The next arrays then need new
-    pages, and clearing these costs a virtual machine more than the arithmetic on the arrays.  Has no effect without
-    glibc.
-    """
-    # either setting ends the automatic choice of both
-    give_back_at_once()
-    set_option = _of_glibc("mallopt")
-    if set_option is not None:
         set_option(_TRIM_THRESHOLD, _RETAINED)
 
 

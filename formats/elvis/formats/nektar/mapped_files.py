@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 
-from elvis.core.memory import give_back_at_once
+from elvis.core.memory import settle_free_memory
 
 _IS_MAPPED = ContextVar("mapped", default=False)
 #: bytes examined together
@@ -19,10 +19,10 @@ _STEP = 1 << 20
 def mapped(*, if_so: bool = True) -> Iterator[None]:
     """Map long arrays of floats, tables and text within the block, and store numbers of meshes in 32 bits if they fit.
 
-    The files must not change while data read from them are in use.  Freed memory then returns to the system at once.
+    The files must not change while data read from them are in use.  Long arrays return to the system once freed.
     """
     if if_so:
-        give_back_at_once()
+        settle_free_memory()
     token = _IS_MAPPED.set(if_so)
     try:
         yield

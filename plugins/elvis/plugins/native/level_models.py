@@ -22,7 +22,7 @@ from elvis.core.chebyshev_models.series import (
 )
 from elvis.core.chebyshev_models.series_boxes import SeriesBoxes
 from elvis.core.mapping.margins import facets
-from elvis.core.memory import retain_free_memory
+from elvis.core.memory import settle_free_memory
 from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients, bernstein_values
 from elvis.core.polynomials.rounding import UNIT
@@ -157,7 +157,7 @@ class ElementLevelSeries:
         if not len(rows):
             return
         # models have hundreds of arrays of some 100 KiB, one after another
-        retain_free_memory()
+        settle_free_memory()
         own = self.models.search(rows)
         boxes = replace(self._search, elements=own.elements, errors=own.errors).find(self.level)
         boxes = replace(boxes, element=rows[boxes.element], unmodelled=rows[boxes.unmodelled])
