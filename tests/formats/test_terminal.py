@@ -2,6 +2,7 @@
 
 import pytest
 
+from elvis.core import terminal
 from elvis.core.terminal import one_line, print_json, print_table, say, visible, warn
 
 #: colours, titles of windows, deletion, text that runs backwards, bytes that are no text
@@ -51,3 +52,14 @@ def test_messages_have_an_end(expression):
     with pytest.raises(ElvisError) as raised:
         sample(Dataset(grid(Shape.QUADRILATERAL, 1)), expression, [[0.5, 0.5]])
     assert len(str(raised.value)) < 2000
+
+
+@pytest.mark.parametrize("headers", [("name", "value", "wide"), ("", "", "")])
+def test_long_tables_look_like_short_ones(capsys, monkeypatch, headers):
+    rows = [("u", 1.5, "\u5c71\u5ddd"), ("velocity", -12, "x\nyz"), ("[b]", "", "\x1b")]
+    tables = []
+    for limit in (3, 2):
+        monkeypatch.setattr(terminal, "MAX_RICH_ROWS", limit)
+        terminal.print_table(headers, rows, "The title")
+        tables.append(capsys.readouterr().out)
+    assert tables[0] == tables[1]

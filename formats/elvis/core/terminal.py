@@ -49,6 +49,10 @@ def say(text: str = "") -> None:
     print(visible(text))
 
 
+#: rows of a table up to which rich lays it out in a pipe: it takes 5 kB of memory for each
+MAX_RICH_ROWS = 1000
+
+
 def print_table(headers: Sequence[str], rows: Iterable[Sequence[object]], title: str = "") -> None:
     """Print a table on standard output, columns of numbers to the right: framed on a terminal, bare in a pipe.
 
@@ -61,6 +65,9 @@ def print_table(headers: Sequence[str], rows: Iterable[Sequence[object]], title:
 
     cells = [[visible(str(cell)).replace("\n", " ") for cell in row] for row in rows]
     on_terminal = sys.stdout.isatty()
+    if len(cells) > MAX_RICH_ROWS and not on_terminal:
+        _print_many(headers, cells, title)
+        return
     table = Table(box=box.SIMPLE_HEAD if on_terminal else None, pad_edge=False, title_justify="left")
     table.show_header = any(headers)
     table.title = Text(one_line(title), style="bold") if title else None
@@ -76,6 +83,24 @@ def print_table(headers: Sequence[str], rows: Iterable[Sequence[object]], title:
     with console.capture() as captured:
         console.print(table)
     print("\n".join(line.rstrip() for line in captured.get().splitlines()))
+
+
+def _print_many(headers: Sequence[str], cells: Sequence[Sequence[str]], title: str) -> None:
+    """Print a table of many rows as rich does in a pipe, row by row."""
+    from rich.cells import cell_len
+
+    if title:
+        print(one_line(title))
+    widths, are_numbers = [], []
+    for column, header in enumerate(headers):
+        widths.append(max(cell_len(header), *(cell_len(row[column]) for row in cells)))
+        are_numbers.append(all(_is_number(row[column]) for row in cells))
+    for row in (*([headers] if any(headers) else []), *cells):
+        parts = []
+        for cell, width, is_number in zip(row, widths, are_numbers, strict=True):
+            blanks = " " * (width - cell_len(cell))
+            parts.append(blanks + cell if is_number else cell + blanks)
+        print("  ".join(parts).rstrip())
 
 
 @contextmanager
