@@ -13,7 +13,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints, frozen_view, narrow_ints
 from elvis.core.dataset import Dataset, Expansion
 from elvis.core.errors import FormatError
 from elvis.core.mapping.orientation import chunks, local_vertices
@@ -50,7 +50,7 @@ class Corners:
 
     def take(self, which: Ints) -> Corners:
         """The corners of some of the elements."""
-        return Corners(self.vertices, frozen_ints(self.rows[which]))
+        return Corners(self.vertices, frozen_view(self.rows[which]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +195,9 @@ class Assembly:
     @property
     def element_ids(self) -> Ints:
         """(n,) ids in the file."""
-        return frozen_ints(self.skeleton.mesh.of(self.expansion.shape).ids[self.rows])
+        ids = self.skeleton.mesh.of(self.expansion.shape).ids
+        # rows ascend, so as many rows as there are elements are all of them
+        return frozen_ints(ids if len(self.rows) == len(ids) else ids[self.rows])
 
     def take(self, which: Ints) -> Floats:
         """(k, 3, m) coefficients of the elements ``which`` (k,) of these."""
@@ -220,7 +222,8 @@ class Assembly:
         if not self.is_straight:
             return None
         own = self.vertices if len(self.rows) == len(self.vertices) else self.vertices[self.rows]
-        return Corners(self.skeleton.vertices, frozen_ints(own[:, _vertex_order(self.expansion)]))
+        rows = narrow_ints(own, len(self.skeleton.vertices))[:, _vertex_order(self.expansion)]
+        return Corners(self.skeleton.vertices, frozen_view(rows))
 
     @property
     def is_straight(self) -> bool:

@@ -130,13 +130,13 @@ def _of_suspects(dataset: Dataset) -> tuple[Ints, Ints]:
         size = (3 * max(part.expansion.modes)) ** part.expansion.shape.dimension
         count = min(len(rows), left // size)
         left -= count * size
-        ids = part.element_ids[rows]
-        own = GeometryBlock(part.expansion, ids[:count], _maps(part, rows[:count]))
+        ids = part.element_ids
+        own = GeometryBlock(part.expansion, ids[rows[:count]], _maps(part, rows[:count]))
         found = validity(dataset, [own])
         wrong.append(found.element_ids[found.status == ValidityStatus.NOT_POSITIVE])
         is_nonnegative = found.lower >= -TOUCHING * found.error
         undecided.append(found.element_ids[(found.status == ValidityStatus.UNDECIDED) & ~is_nonnegative])
-        undecided.append(ids[count:])
+        undecided.append(ids[rows[count:]])
     return np.concatenate(wrong), np.concatenate(undecided)
 
 
