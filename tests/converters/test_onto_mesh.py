@@ -104,6 +104,8 @@ def test_rules_on_boxes_are_exact_for_products_on_collapsed_elements(shape):
     """Of projections of order 4 with each other, or with fields of degree 3, on maps of order 5."""
     rules = _Rules(shape, 4, 3, 5)
     bend = 4 * shape.dimension
+    counts = [round(len(rules.fine(False, fewer)[1]) ** (1 / shape.dimension)) for fewer in (0, 1)]
+    assert counts[0] == counts[1] + 1
     for (points, weights), degree in ((rules.coarse, 8), (rules.fine(True), 9), (rules.fine(False), 9 + bend)):
         for axis, power in enumerate(COLLAPSE[shape]):
             for n in (degree + power - 1, degree + power):

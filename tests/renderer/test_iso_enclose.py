@@ -198,9 +198,10 @@ def outside_of(boxes, extent):
     return (np.abs(corners).max(axis=1).clip(1).prod(axis=1) * (1 - np.minimum(margin, 0))) ** 2
 
 
-def test_radii_of_leaves_have_the_errors_of_values_in_each_coefficient(boxes, enclosed):
+def radii_of(boxes, axis):
+    """(n, 5) radii on ellipses through ``axis`` (n,), with the errors of values in each coefficient."""
     side = np.maximum(boxes.half, 0.5)
-    share, axis = boxes.half / side, np.array(AXES)[boxes.e][:, None]
+    share = boxes.half / side
     lattice = np.stack(np.broadcast_arrays(*(NODES[POWERS[:, k]] for k in range(3))), axis=-1)
     values = boxes.jets(np.broadcast_to(lattice / share[:, None], (COUNT, 27, 3)))[..., 0]
     matrix = np.prod([TO_POWERS[POWERS[:, None, k], POWERS[None, :, k]] for k in range(3)], axis=0)
@@ -208,8 +209,12 @@ def test_radii_of_leaves_have_the_errors_of_values_in_each_coefficient(boxes, en
     off = 3 * 11 * UNIT * np.abs(values).max(axis=1) + outside_of(boxes, side)[:, None] * boxes.errors
     room = np.prod(SUMS[POWERS], axis=1)[:, None] * off[:, None]
     size = np.abs(terms) * (ORDER > 0)[:, None] + room
-    reach = np.prod((axis * share)[:, None] ** POWERS, axis=2)
-    radius = np.einsum("nt,ntl->nl", reach, size)
+    reach = np.prod((axis[:, None] * share)[:, None] ** POWERS, axis=2)
+    return np.einsum("nt,ntl->nl", reach, size)
+
+
+def test_radii_of_leaves_have_the_errors_of_values_in_each_coefficient(boxes, enclosed):
+    radius = radii_of(boxes, np.array(AXES)[boxes.e])
     assert enclosed["values"][..., 1] == pytest.approx(radius, rel=1e-9, abs=0)
 
 
@@ -240,6 +245,15 @@ def test_products_of_fields_are_enclosed_with_their_level(boxes, enclosed):
         assert part.max() <= 1
         assert part.max() > 0.9
     assert enclosed["radius"] == pytest.approx(enclosed["spread"][:, 0], rel=1e-12, abs=0)
+
+    # errors of the product by those of coefficients, on the first ellipse, and of sums
+    value, grown, _ = carried_of(boxes)
+    coefficients = value[:, None] * boxes.errors + grown[:, None] * boxes.grid[..., 0]
+    middle = np.abs(boxes.jets(np.zeros((COUNT, 1, 3)))[:, 0, 3:, 0])
+    for k, error in enumerate((coefficients[:, 3:], boxes.grid[:, 3:, 1])):
+        size = middle + radii_of(boxes, np.full(COUNT, AXES[1 - k]))[:, 3:]
+        of_product = (size * error[:, ::-1]).sum(axis=1) + error.prod(axis=1)
+        assert enclosed["grid_values"][:, k] == pytest.approx(of_product, rel=1e-9, abs=0)
     assert np.array_equal(
         enclosed["avoids"] > 0, (np.abs(enclosed["middle"]) > enclosed["radius"]) | (enclosed["spurious"] > 0)
     )
