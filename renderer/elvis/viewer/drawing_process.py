@@ -39,10 +39,8 @@ if TYPE_CHECKING:
 MOST_CUTS = 5
 #: points of a line plot
 LINE_POINTS = 401
-#: requests that only read the data and the last picture
-QUESTIONS = frozenset(
-    ("pick", "seen", "depths", "line", "section", "check", "histogram", "extrema", "history", "series range")
-)
+#: requests that only read the data and the last picture; without those that take arrays of the size of a picture
+QUESTIONS = frozenset(("pick", "line", "section", "check", "histogram", "extrema", "history", "series range"))
 #: questions that are answered at the same time, at most
 QUESTION_THREADS = 4
 Table = dict[str, Any]
