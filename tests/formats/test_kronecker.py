@@ -1,5 +1,7 @@
 """Sum factorization of matrices between lattices."""
 
+from functools import reduce
+
 import numpy as np
 import pytest
 
@@ -7,8 +9,9 @@ from elvis.core.mapping.projections import best, conforming
 from elvis.core.polynomials import kronecker
 from elvis.core.polynomials.expansion import values
 from elvis.core.polynomials.interpolation import modified
-from elvis.core.polynomials.kronecker import Lattice, RowMap
+from elvis.core.polynomials.kronecker import Lattice, RowMap, lagrange_factors
 from elvis.core.shapes import Shape
+from elvis.plugins.nodal import NodalBasis
 
 
 def shuffled(sizes, rng):
@@ -38,16 +41,39 @@ def test_a_matrix_of_monomials_is_applied_by_its_factors(monkeypatch, change, is
     rng = np.random.default_rng(1)
     powers = np.stack([axis.reshape(-1) for axis in np.meshgrid(*map(np.arange, (3, 2, 4)))], axis=1)
     powers = powers[rng.permutation(24)]
-    points, _ = shuffled((4, 5, 3), rng)
+    points, lines = shuffled((4, 5, 3), rng)
     matrix = np.prod(points[None] ** powers[:, None], axis=2)
     matrix[5, 7] += change
-    own = RowMap(matrix, Lattice.of(powers), Lattice.of(points))
+
+    def factors(source, target):
+        assert all(np.array_equal(own, line) for own, line in zip(target.lines, lines, strict=True))
+        return [line ** np.arange(count)[:, None] for line, count in zip(target.lines, source.sizes, strict=True)]
+
+    own = RowMap(matrix, Lattice.of(powers), Lattice.of(points), factors)
     assert (own.factors is not None) == is_product
     rows = rng.normal(size=(50, 24))
     assert np.abs(own(rows) - rows @ matrix).max() < 1e-14 * np.abs(rows).sum(axis=1).max()
 
     # no result depends on the other rows
     assert np.array_equal(own(rows[7:8]), own(rows)[7:8])
+
+
+def test_factors_of_nodes_are_lagrange_polynomials(monkeypatch):
+    """They give back the values of a polynomial at nodes in any order."""
+    monkeypatch.setattr(kronecker, "_LEAST", 0)
+    rng = np.random.default_rng(2)
+    nodes, _ = shuffled((5, 4, 3), rng)
+    points, _ = shuffled((3, 6, 2), rng)
+    basis = NodalBasis(Shape.HEXAHEDRON, 2, shuffled((3, 3, 3), rng)[0])
+    assert basis.to_points(points).factors is not None
+
+    def polynomial(x):
+        return x[:, 0] ** 4 - 2 * x[:, 1] ** 3 * x[:, 2] ** 2 + x[:, 0] ** 2 * x[:, 1]
+
+    found = Lattice.of(nodes), Lattice.of(points)
+    product = reduce(np.kron, lagrange_factors(*found)[::-1])
+    values = polynomial(nodes)[found[0].order] @ product
+    assert np.abs(values - polynomial(points)[found[1].order]).max() < 1e-11
 
 
 @pytest.mark.parametrize("kind", [best, conforming])
@@ -59,3 +85,7 @@ def test_projections_on_products_have_factors_and_reproduce_their_functions(shap
     assert operator.fit.factors is not None
     table = values(expansion, operator.points)
     assert np.abs(operator.fit(table.T) - np.eye(table.shape[1])).max() < 1e-12
+
+    # also beyond the functions of the expansion they do what the whole matrix does
+    samples = np.cos(3.0 * operator.points.sum(axis=1))[None]
+    assert np.abs(operator.fit(samples) - samples @ operator.matrix).max() < 1e-12

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import json
 import os
 import signal
@@ -60,6 +61,8 @@ def inherit(words: Sequence[str], folder: Path) -> None:
 def _work(words: Sequence[str], folder: Path, messages: int, modules: int | None) -> None:
     """Run the command as a process does, and end."""
     status: object = 1
+    # what runs at the end of the process that forked isn't for this one
+    atexit._clear()
     try:
         _prepare(words, folder, messages)
         main()

@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from math import factorial, prod
+from math import factorial
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,7 @@ from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.collapse import collapse
 from elvis.core.polynomials.expansion import mode_count, values
 from elvis.core.polynomials.jacobi import jacobi
-from elvis.core.polynomials.kronecker import Lattice, RowMap
+from elvis.core.polynomials.kronecker import Lattice, RowMap, lagrange_factors
 from elvis.core.shapes import TENSOR, Shape
 from elvis.plugins.conversion import Converter, Elements, PyramidSpace, SourceField
 from elvis.plugins.projection.frames import affine_between
@@ -119,7 +119,8 @@ class ShapeFunctions(ABC):
             room = _MOST_KEPT - table.size
             while self._maps and sum(kept.matrix.size for kept in self._maps.values()) > room:
                 del self._maps[next(iter(self._maps))]
-            self._maps[key] = RowMap(table.T, self.lattice, None if self.lattice is None else Lattice.of(own))
+            target = None if self.lattice is None else Lattice.of(own)
+            self._maps[key] = RowMap(table.T, self.lattice, target, lagrange_factors)
         return self._maps[key]
 
     @cached_property
@@ -129,7 +130,7 @@ class ShapeFunctions(ABC):
 
     @property
     def lattice(self) -> Lattice | None:
-        """The lattice that the nodes form, if the functions are products of functions of its lines; None else."""
+        """The lattice that the nodes form, if the functions are products of Lagrange functions of lines; None else."""
         return None
 
     @abstractmethod
@@ -180,12 +181,15 @@ class TensorBasis(ShapeFunctions):
         assert len(lines) == shape.dimension
         self.order = max(len(line) for line in lines) - 1
         self._lines = [NodalBasis(Shape.SEGMENT, len(line) - 1, line[:, None]) for line in lines]
-        self._sizes = tuple(map(len, lines))
+        self._nodes = tuple(lines)
 
     @property
     def lattice(self) -> Lattice:
         """See `ShapeFunctions`."""
-        return Lattice(np.arange(prod(self._sizes)), self._sizes)
+        axes = np.meshgrid(*self._nodes[::-1], indexing="ij")[::-1]
+        found = Lattice.of(np.stack([axis.reshape(-1) for axis in axes], axis=1))
+        assert found is not None
+        return found
 
     def tabulate(self, points: Floats) -> Floats:
         """The products of the functions of the lines."""

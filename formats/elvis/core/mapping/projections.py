@@ -8,9 +8,9 @@ Projection-based interpolation: Demkowicz, Computing with hp-adaptive finite ele
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ from elvis.core.polynomials.cubature import COLLAPSE
 from elvis.core.polynomials.expansion import mode_count, mode_indices, values
 from elvis.core.polynomials.kronecker import Lattice, RowMap
 from elvis.core.polynomials.quadrature import gauss
-from elvis.core.shapes import Shape
+from elvis.core.shapes import TENSOR, Shape
 
 #: local vertices of an entity, points and weights there, and its modes
 _Stage = tuple[tuple[int, ...], Floats, Floats, Ints]
@@ -50,17 +50,23 @@ class Operator:
 
     condition  of the worst fit in it
     indices    (m, d) of the modes, see `mode_indices`
+    lines      gives the operator of the expansion of each direction, if the shape is a product of lines
     """
 
     points: Floats
     matrix: Floats
     condition: float
     indices: Ints
+    lines: Callable[[], Sequence[Operator]] = tuple
 
     @cached_property
     def fit(self) -> RowMap:
         """The same as a function of samples, a direction at a time on quadrilaterals and hexahedra."""
-        return RowMap(self.matrix, Lattice.of(self.points), Lattice.of(self.indices))
+        return RowMap(self.matrix, Lattice.of(self.points), Lattice.of(self.indices), self._factors)
+
+    def _factors(self, points: Lattice, modes: Lattice) -> list[Floats]:
+        """(n_i, m_i) the matrix of each direction, points and modes ascending."""
+        return [line.matrix[line.points[:, 0].argsort()][:, line.indices[:, 0].argsort()] for line in self.lines()]
 
 
 def rule(shape: Shape, count: int) -> tuple[Floats, Floats]:
@@ -88,7 +94,8 @@ def best(expansion: Expansion, extra: int = 0) -> Operator:
         matrix, condition = _product(expansion, count)
     else:
         matrix, condition = _fit(values(expansion, points), weights, expansion)
-    return Operator(frozen_floats(points), frozen_floats(matrix.T), condition, mode_indices(expansion))
+    lines = partial(_lines, best, expansion, extra)
+    return Operator(frozen_floats(points), frozen_floats(matrix.T), condition, mode_indices(expansion), lines)
 
 
 def _product(expansion: Expansion, count: int, inside: bool = False) -> tuple[Floats, float]:
@@ -132,7 +139,19 @@ def conforming(expansion: Expansion, extra: int = 0) -> Operator:
     """Best approximations on vertices, edges, faces and the inside in turn; for Modified expansions of equal orders."""
     stages = [stage for _, *stage in _conforming_stages(expansion, extra)]
     _check_size(expansion, sum(len(stage[0]) for stage in stages))
-    return _stage_operator(expansion, stages, max(expansion.modes) + extra)
+    operator = _stage_operator(expansion, stages, max(expansion.modes) + extra)
+    return replace(operator, lines=partial(_lines, conforming, expansion, extra))
+
+
+def _lines(kind: Callable[[Expansion, int], Operator], expansion: Expansion, extra: int) -> list[Operator]:
+    """The operators of a kind of the directions of an expansion; none on shapes that aren't products of lines.
+
+    Both kinds are products of these: the fit inside of a product of remainders is the product of fits to remainders.
+    """
+    if expansion.shape not in TENSOR:
+        return []
+    every = zip(expansion.bases, expansion.modes, strict=True)
+    return [kind(Expansion(Shape.SEGMENT, (basis,), (modes,)), extra) for basis, modes in every]
 
 
 def _conforming_stages(expansion: Expansion, extra: int) -> list[_Stage]:

@@ -6,9 +6,9 @@ factorization (Orszag 1980, Spectral methods for problems in complex geometries)
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, reduce
+from functools import cached_property
 from math import prod
 
 import numpy as np
@@ -32,18 +32,23 @@ class Lattice:
     """Points that are the product of a line of points in each direction.
 
     order  (n,) the points, those along the first direction next to each other
-    sizes  points of the line of each direction
+    lines  (n_i,) coordinates of the line of each direction, ascending
     """
 
     order: Ints
-    sizes: tuple[int, ...]
+    lines: tuple[Floats, ...]
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Points of the line of each direction."""
+        return tuple(map(len, self.lines))
 
     @staticmethod
     def of(points: Floats | Ints) -> Lattice | None:
         """The lattice that points (n, d) form; None if they form none.
 
-        >>> Lattice.of(np.array([[0, 0], [0, 1], [2, 0], [2, 1]]))
-        Lattice(order=array([0, 2, 1, 3]), sizes=(2, 2))
+        >>> Lattice.of(np.array([[0, 0], [0, 1], [2, 0], [2, 1]])).order
+        array([0, 2, 1, 3])
         """
         keys = np.round(points, _DIGITS) + 0.0
         lines = [np.unique(column) for column in keys.T]
@@ -52,17 +57,29 @@ class Lattice:
         order = np.lexsort(keys.T)
         axes = np.meshgrid(*lines[::-1], indexing="ij")[::-1]
         grid = np.stack([axis.reshape(-1) for axis in axes], axis=1)
-        return Lattice(order, tuple(map(len, lines))) if np.array_equal(keys[order], grid) else None
+        if not np.array_equal(keys[order], grid):
+            return None
+        ordered = np.asarray(points, np.float64)[order]
+        steps = np.cumprod([1, *map(len, lines)])[:-1]
+        every = zip(ordered.T, steps, map(len, lines), strict=True)
+        return Lattice(order, tuple(column[:: int(step)][:count] for column, step, count in every))
 
 
 class RowMap:
     """Rows of numbers on some points times a matrix (k, n), by its factors if it is a Kronecker product.
 
     source, target  lattices of the k numbers of a row, and of the n numbers of a result; None where they form none
+    factors         gives a matrix (k_i, n_i) for each direction, between lines of the lattices
     """
 
-    def __init__(self, matrix: Floats, source: Lattice | None, target: Lattice | None) -> None:
-        self.matrix, self._source, self._target = matrix, source, target
+    def __init__(
+        self,
+        matrix: Floats,
+        source: Lattice | None,
+        target: Lattice | None,
+        factors: Callable[[Lattice, Lattice], Sequence[Floats]],
+    ) -> None:
+        self.matrix, self._source, self._target, self._given = matrix, source, target, factors
 
     def __call__(self, rows: Floats) -> Floats:
         """(..., n) the rows (..., k), each times the matrix; no result depends on the other rows."""
@@ -80,23 +97,30 @@ class RowMap:
 
     @cached_property
     def factors(self) -> Sequence[Floats] | None:
-        """(k_i, n_i) a matrix for each direction; None if there are none, or they don't pay."""
+        """(k_i, n_i) a matrix for each direction; None if their product isn't the matrix, or they don't pay."""
         if self._source is None or self._target is None or self.matrix.size < _LEAST:
             return None
-        sizes = *self._source.sizes[::-1], *self._target.sizes[::-1]
-        ordered = self.matrix[self._source.order][:, self._target.order].reshape(sizes)
+        found = [np.ascontiguousarray(own) for own in self._given(self._source, self._target)]
+        if [own.shape for own in found] != list(zip(self._source.sizes, self._target.sizes, strict=True)):
+            return None
+        ordered = self.matrix[self._source.order][:, self._target.order]
+        product: Floats = np.ones((1, 1))
+        for own in found:
+            product = np.asarray(np.kron(own, product), np.float64)
+        return found if np.abs(product - ordered).max() <= _ROUNDING * np.abs(ordered).max() else None
 
-        # of a product of factors, each line through its greatest number is a multiple of one factor
-        pivot = np.unravel_index(np.abs(ordered).argmax(), ordered.shape)
-        greatest, dimension = ordered[pivot], len(self._source.sizes)
-        factors = []
-        for direction in range(dimension):
-            axes = dimension - 1 - direction, 2 * dimension - 1 - direction
-            place = (slice(None) if axis in axes else number for axis, number in enumerate(pivot))
-            factors.append(ordered[tuple(place)] / (greatest if direction else 1.0))
-        product = reduce(np.kron, factors[::-1]).reshape(ordered.shape)
-        is_product = np.abs(product - ordered).max() <= _ROUNDING * abs(greatest)
-        return [np.ascontiguousarray(own) for own in factors] if is_product else None
+
+def lagrange_factors(source: Lattice, target: Lattice) -> list[Floats]:
+    """For each direction (k_i, n_i) the Lagrange polynomials of nodes at points, both in the same coordinates."""
+    return [_lagrange(nodes, points) for nodes, points in zip(source.lines, target.lines, strict=True)]
+
+
+def _lagrange(nodes: Floats, points: Floats) -> Floats:
+    """(k, n) at points (n,) the products of (x - x_j) / (x_i - x_j) over the other nodes j, for each node i (k,)."""
+    others = ~np.eye(len(nodes), dtype=bool)
+    ratios = points[:, None, None] - nodes
+    ratios = ratios / np.where(others, nodes[:, None] - nodes, 1.0)
+    return np.asarray(np.prod(ratios, axis=2, where=others).T)
 
 
 def along_directions(rows: Floats, factors: Sequence[Floats]) -> Floats:
