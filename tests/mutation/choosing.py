@@ -141,7 +141,10 @@ class Touched:
         environment = os.environ | {"MUTATION_ROOT": str(self._root), "MUTATION_TOUCHED": str(self._kept)}
         environment["PYTHONPATH"] = str(Path(__file__).parent)
         command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "touching", "--tb=no", *tests]
-        subprocess.run(command, cwd=self._root, env=environment, capture_output=True, check=False)
+        run = subprocess.run(command, cwd=self._root, env=environment, capture_output=True, text=True, check=False)
+        for line in run.stdout.splitlines():
+            if line.startswith(("FAILED ", "ERROR ")):
+                print(f"{line}: this kills no mutant, as it isn't known what it runs", flush=True)
 
     @cached_property
     def _maps(self) -> dict[Path, dict]:
