@@ -61,7 +61,7 @@ def inherit(words: Sequence[str], folder: Path) -> None:
 def _work(words: Sequence[str], folder: Path, messages: int, modules: int | None) -> None:
     """Run the command as a process does, and end."""
     status: object = 1
-    # what runs at the end of the process that forked isn't for this one
+    # exit functions of the parent process would delete its folders
     atexit._clear()
     try:
         _prepare(words, folder, messages)

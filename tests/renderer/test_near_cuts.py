@@ -1,4 +1,4 @@
-"""First pictures of large data, of which only elements near the cuts are loaded."""
+"""First pictures of large data load only the elements near the cuts and faces."""
 
 import dataclasses
 

@@ -135,7 +135,7 @@ class Mfem(NodalConverter):
             self.boundaries += [Boundary(PERIODIC, sides=periodic)] if periodic else []
 
     def _check_attributes(self, parts: Sequence[_Part]) -> bool:
-        """Whether attributes of the border name boundaries; those of elements become one where too many differ."""
+        """Whether attributes of the border name boundaries; too many different attributes of elements become one."""
         of_elements = excess_of_parts([part.attributes for part in parts], "attributes of elements")
         of_faces = excess_of_parts([part.face_attributes for part in parts], "attributes of the boundary")
         self.warnings = [remark for remark in (of_elements, of_faces) if remark]

@@ -49,7 +49,7 @@ def check_packed(path: Path, raw: mmap.mmap, size: int) -> None:
 
 
 def _beginnings(raw: mmap.mmap) -> Iterator[tuple[int, bool]]:
-    """Where each binary array begins, and whether it is text in base64."""
+    """The offset of each binary array, and whether it is encoded in base64."""
     appended = _APPENDED.search(raw, max(raw.find(b"<AppendedData"), 0))
     is_text = appended is not None and b"raw" not in dict(_ATTRIBUTE.findall(appended[1])).get(b"encoding", b"base64")
     for array in _ARRAY.finditer(raw, 0, appended.start() if appended else len(raw)):

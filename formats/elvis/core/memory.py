@@ -23,7 +23,7 @@ _RETAINED, _TRIM_THRESHOLD = 1 << 27, -1
 
 
 def settle_free_memory() -> None:
-    """Return long arrays to the system as soon as they are freed, and reuse the pages of others, from now on.
+    """Let malloc return long arrays to the system when they are freed, and reuse the pages of short ones.
 
     By default, after an array was freed, glibc serves requests up to that size (at most 32 MiB) from one heap, where
     gaps between arrays stay with the process.  If only that is changed, the end of the heap is returned once a few

@@ -2,7 +2,7 @@
 
 The cache contains the native files that `elvis convert --format hdf5` would write, which are read and written faster
 than packed ones, and results always come from these files: so a picture is the same whether the data were converted
-now, earlier, or by hand.  Long files lie next to the others in the cache, so that they are mapped where they are.
+now, earlier, or by hand.  Long files are separate files of the cache, which are mapped without a copy.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from hashlib import sha256
+from hashlib import file_digest, sha256
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -82,7 +82,7 @@ class _Result:
     def keep(self, store: Store, key: bytes) -> None:
         """Store all of it: the length of a head, the head, which is JSON, and the short files one after another.
 
-        Long files lie beside that.  Raises OSError if that can't be.
+        Each long file becomes a separate file of the cache.  Raises OSError if something can't be written.
         """
         sizes = {path: path.stat().st_size for path in self.files}
         short = [path for path in self.files if sizes[path] <= _MAPPED]
@@ -329,14 +329,11 @@ def _digests(paths: Sequence[Path]) -> list[str] | None:
     """SHA-256 of each file's content; None where one is a folder or can't be read."""
     found = []
     for path in paths:
-        total = sha256()
         try:
             with path.open("rb") as file:
-                while part := file.read(_PART):
-                    total.update(part)
+                found.append(file_digest(file, "sha256").hexdigest())
         except OSError:
             return None
-        found.append(total.hexdigest())
     return found
 
 

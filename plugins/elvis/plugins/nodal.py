@@ -24,7 +24,7 @@ from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.collapse import collapse
 from elvis.core.polynomials.expansion import mode_count, values
 from elvis.core.polynomials.jacobi import jacobi
-from elvis.core.polynomials.kronecker import Lattice, RowMap, lagrange_factors
+from elvis.core.polynomials.kronecker import Lattice, RowMap, lagrange_factors, product_points
 from elvis.core.shapes import TENSOR, Shape
 from elvis.plugins.conversion import Converter, Elements, PyramidSpace, SourceField
 from elvis.plugins.projection.frames import affine_between
@@ -119,8 +119,8 @@ class ShapeFunctions(ABC):
             room = _MOST_KEPT - table.size
             while self._maps and sum(kept.matrix.size for kept in self._maps.values()) > room:
                 del self._maps[next(iter(self._maps))]
-            target = None if self.lattice is None else Lattice.of(own)
-            self._maps[key] = RowMap(table.T, self.lattice, target, lagrange_factors)
+            nodes = self.lattice
+            self._maps[key] = RowMap(table.T, nodes, nodes and Lattice.of(own), lagrange_factors)
         return self._maps[key]
 
     @cached_property
@@ -181,15 +181,12 @@ class TensorBasis(ShapeFunctions):
         assert len(lines) == shape.dimension
         self.order = max(len(line) for line in lines) - 1
         self._lines = [NodalBasis(Shape.SEGMENT, len(line) - 1, line[:, None]) for line in lines]
-        self._nodes = tuple(lines)
+        self._nodes = product_points(lines)
 
     @property
-    def lattice(self) -> Lattice:
+    def lattice(self) -> Lattice | None:
         """See `ShapeFunctions`."""
-        axes = np.meshgrid(*self._nodes[::-1], indexing="ij")[::-1]
-        found = Lattice.of(np.stack([axis.reshape(-1) for axis in axes], axis=1))
-        assert found is not None
-        return found
+        return Lattice.of(self._nodes)
 
     def tabulate(self, points: Floats) -> Floats:
         """The products of the functions of the lines."""

@@ -285,7 +285,7 @@ def _open_bricks(paths: Sequence[Path], reading: Reading, report: Report) -> Dat
 
 
 def in_memory(data: Dataset | PluginData) -> Bricks:
-    """Data that are at hand, in bricks; SceneError for those that only a runtime plugin knows."""
+    """Bricks of data in memory; SceneError for the data of a runtime plugin."""
     if isinstance(data, PluginData):
         raise SceneError(f"memory: data opened by the plugin {data.name} cannot be read in bricks: remove this setting")
     return Bricks(InMemory(data), lambda: data)

@@ -18,6 +18,7 @@ from elvis.core.integrals import Integrals
 from elvis.core.integrals.integrands import integrands_of
 from elvis.core.mapping.boxes import BoxTree
 from elvis.core.mapping.margins import TOLERANCE
+from elvis.core.mapping.orientation import chunks
 from elvis.core.mapping.tangents import duals
 from elvis.core.norms import AXES, Norm
 from elvis.core.polynomials.cubature import Cubature, field_cubature
@@ -295,9 +296,8 @@ def _sampled(number: int, texts: Sequence[str], volume: Volume, device: Renderer
         return
     modes = min(16, max(4, int(np.cbrt(_MANY / len(part)))))
     lattice = _rule(part, modes).points
-    step = max(1, _BATCH // len(lattice))
-    for first in range(0, len(part), step):
-        some = np.arange(first, min(first + step, len(part)))
+    for rows in chunks(len(part), max(1, _BATCH // len(lattice))):
+        some = np.arange(rows.start, rows.stop)
         elements, points = np.repeat(some, len(lattice)), np.tile(lattice, (len(some), 1))
         yield _inside(number, elements, points, texts, volume, device)
 
@@ -305,7 +305,7 @@ def _sampled(number: int, texts: Sequence[str], volume: Volume, device: Renderer
 def _inside(
     number: int, elements: Ints, points: Floats, texts: Sequence[str], volume: Volume, device: Renderer
 ) -> list[Samples]:
-    """Samples of each quantity at those of the points (n, 3) that lie in their elements (n,)."""
+    """Samples of each quantity at points (n, 3) of elements (n,), without points outside of their elements."""
     found = [_samples_in(number, elements, points, device, _quantity_name(volume, text)) for text in texts]
     inside = found[0].margin >= -1e-9
     return [Samples(**{name: column[inside] for name, column in vars(one).items()}) for one in found]

@@ -1,13 +1,13 @@
-"""Large data of which a first picture loads only the elements that its cuts and faces may show.
+"""First pictures of large data: only the elements near the cuts and faces are loaded.
 
-A cut or the boundary of n elements meets some n^(2/3) of them.  Boxes of elements are found several times faster than
-all that kernels need of them, so a single picture takes a fraction of the time and the memory.  Whoever draws another
-cut probably draws more: all elements are loaded for it.
+A cut or the boundary of n elements meets about n^(2/3) of them.  Bounding boxes are computed several times faster than
+the buffers of kernels, so a single picture takes a fraction of the time and the memory.  A second picture with other
+cuts loads all elements, because more such pictures probably follow.
 """
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from dataclasses import replace
 from operator import is_
 
@@ -29,27 +29,31 @@ class NearCuts:
     """The elements that the first picture on a device depends on, if boxes and sides of elements decide."""
 
     def __init__(self, device: str = "auto") -> None:
-        self._device = device
-        #: what the first picture was drawn of, what its elements depend on, and these, None for all
-        self._first: tuple[tuple[object, ...], Hashable, Dataset | None] | None = None
+        self._loads_all = other_device(device) is not None
+        #: the data of the first picture, what its elements depend on, and these elements
+        self._first: tuple[Sequence[object], Hashable, Dataset] | None = None
 
     def elements(self, dataset: Dataset | PluginData, scene: Scene) -> Dataset | None:
         """The elements for a picture, the same object if another camera shows the same ones; None for all."""
-        is_known_whole = self._first is not None and self._first[2] is None
-        if is_known_whole or isinstance(dataset, PluginData) or other_device(self._device) is not None:
+        if self._loads_all or isinstance(dataset, PluginData):
             return None
-        source = dataset.mesh, *dataset.fields
+        found = self._few(dataset, scene)
+        if found is None:
+            self._loads_all, self._first = True, None
+        return found
+
+    def _few(self, dataset: Dataset, scene: Scene) -> Dataset | None:
+        """The elements of the first picture; None if this one depends on others."""
         if not _is_large(dataset) or scene.copies or dataset.others:
-            self._first = source, None, None
             return None
         relevance = Relevance(dataset, whole_scene(dataset, scene))
-        key = relevance.decided_by, relevance.shown_by
+        source, key = (dataset.mesh, *dataset.fields), (relevance.decided_by, relevance.shown_by)
         if self._first is None:
-            self._first = source, key, _few(dataset, relevance)
+            few = _few(dataset, relevance)
+            self._first = None if few is None else (source, key, few)
+            return few
         known, known_key, found = self._first
         is_same = len(known) == len(source) and all(map(is_, known, source)) and known_key == key
-        if not is_same:
-            self._first = known, None, None
         return found if is_same else None
 
 

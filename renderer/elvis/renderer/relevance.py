@@ -105,7 +105,7 @@ class Relevance:
     def is_by_boxes(self) -> bool:
         """Whether boxes and sides of elements decide everything: only faces and cuts by given surfaces are drawn.
 
-        Ranges over all data aren't known from these.  Extruded elements have other sides than those of the mesh.
+        Boxes don't give ranges over all data, and the sides of extruded elements are not sides of the mesh.
         """
         if self._names_of_ends or not self.scene.every_object:
             return False
@@ -193,7 +193,7 @@ class Relevance:
 
     @cached_property
     def _patches(self) -> tuple[Patch, ...]:
-        """The elements with all fields of the quantities, first those of the first quantity."""
+        """The elements with the fields of all quantities; the fields of the first quantity come first."""
         every = (name for text in self.texts for name in Expression.of(self.dataset, text).fields)
         return patches(self.dataset, tuple(dict.fromkeys(every)))
 

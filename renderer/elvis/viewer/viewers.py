@@ -46,7 +46,7 @@ class Viewer:
 
     @asynccontextmanager
     async def question(self) -> AsyncIterator[None]:
-        """One question of this page at a time, so that many of them don't delay those of other pages.
+        """Wait until this page has no other question, so that its questions don't delay those of other pages.
 
         Raises ElvisError if too many wait.
         """

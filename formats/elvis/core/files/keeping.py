@@ -164,7 +164,7 @@ class Store:
 
     @contextmanager
     def _replacing(self, path: Path) -> Iterator[Path]:
-        """Where to write a file that takes this name at the end of the block; none is left after an error."""
+        """The path of a temporary file, which is renamed at the end of the block; an error removes it."""
         make_private(self.folder)
         beside = self.folder / f"{path.stem}.{os.getpid()}.{os.urandom(3).hex()}"
         try:

@@ -23,6 +23,7 @@ from elvis.core.mapping.tangents import duals
 from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_space, bernstein_values, to_bernstein
 from elvis.core.polynomials.collapse import uncollapse
+from elvis.core.polynomials.kronecker import along_directions, product_points
 from elvis.core.polynomials.row_products import row_products
 from elvis.core.shapes import Shape
 
@@ -389,17 +390,12 @@ def _tensor_degrees(space: BernsteinSpace) -> tuple[int, ...]:
 def _tensor(space: BernsteinSpace, degrees: tuple[int, ...]) -> Floats:
     """(count, tensor count) functions of a simplex or prism as tensor nets, by interpolation at Chebyshev points."""
     lines = [_chebyshev_points(degree) for degree in degrees]
-    grid = np.meshgrid(*lines[::-1], indexing="ij")
-    points = np.stack(grid[::-1], axis=-1).reshape(-1, len(degrees))
-    net = bernstein_values(space, points).T.reshape(-1, *_net_shape(degrees))
-
-    # from values to coefficients, one direction after the other
-    for i, (line, degree) in enumerate(zip(lines, degrees, strict=True)):
-        segment = BernsteinSpace(Shape.SEGMENT, (degree,))
-        inverse = np.linalg.inv(bernstein_values(segment, line[:, None]))
-        along = np.moveaxis(net, -1 - i, -1) @ inverse.T
-        net = np.moveaxis(along, -1, -1 - i)
-    return np.ascontiguousarray(net.reshape(len(net), -1))
+    values = bernstein_values(space, product_points(lines)).T
+    tables = (
+        bernstein_values(BernsteinSpace(Shape.SEGMENT, (degree,)), line[:, None])
+        for degree, line in zip(degrees, lines, strict=True)
+    )
+    return along_directions(np.ascontiguousarray(values), [np.linalg.inv(table).T for table in tables])
 
 
 def _chebyshev_points(degree: int) -> Floats:

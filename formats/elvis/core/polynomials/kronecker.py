@@ -55,14 +55,17 @@ class Lattice:
         if prod(map(len, lines)) != len(keys):
             return None
         order = np.lexsort(keys.T)
-        axes = np.meshgrid(*lines[::-1], indexing="ij")[::-1]
-        grid = np.stack([axis.reshape(-1) for axis in axes], axis=1)
-        if not np.array_equal(keys[order], grid):
+        if not np.array_equal(keys[order], product_points(lines)):
             return None
         ordered = np.asarray(points, np.float64)[order]
         steps = np.cumprod([1, *map(len, lines)])[:-1]
         every = zip(ordered.T, steps, map(len, lines), strict=True)
         return Lattice(order, tuple(column[:: int(step)][:count] for column, step, count in every))
+
+
+def product_points(lines: Sequence[Floats]) -> Floats:
+    """(n, d) the product of a line of points (n_i,) in each direction, those along the first one next to each other."""
+    return np.stack(np.meshgrid(*lines[::-1], indexing="ij")[::-1], axis=-1).reshape(-1, len(lines))
 
 
 class RowMap:

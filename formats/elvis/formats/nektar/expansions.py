@@ -18,6 +18,7 @@ import numpy as np
 from elvis.core.arrays import Ints, distinct
 from elvis.core.dataset import Dataset, Expansion, ExpansionRule
 from elvis.core.errors import FormatError
+from elvis.core.mapping.orientation import chunks
 from elvis.core.mesh import Composite, Mesh
 from elvis.core.polynomials.bases import Basis
 from elvis.core.shapes import Shape
@@ -205,8 +206,8 @@ class _Expansions:
         elements = [ids for composite in chosen for tag, ids in composite.parts if tag in self._tags]
         touched: set[int] = set()
         for ids in elements:
-            for start in range(0, len(ids), _ELEMENTS_AT_ONCE):
-                touched.update(self._parts_with(ids[start : start + _ELEMENTS_AT_ONCE]).tolist())
+            for some in chunks(len(ids), _ELEMENTS_AT_ONCE):
+                touched.update(self._parts_with(ids[some]).tolist())
         return [self._expansions[number] for number in sorted(touched)]
 
     def _parts_with(self, elements: Ints) -> Ints:

@@ -126,7 +126,7 @@ def _heaps(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
 
 
 def _places(block: bytes, part: bytes) -> Iterator[int]:
-    """Where a part begins in a block; `bytes.find` is several times faster than a regular expression."""
+    """Offsets of a signature in a block; `bytes.find` is several times faster than a regular expression."""
     place = block.find(part)
     while place >= 0:
         yield place

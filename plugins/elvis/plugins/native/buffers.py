@@ -73,7 +73,7 @@ class NativeVolume:
 
 
 def placed(dataset: Dataset, every: Sequence[Patch], expression: Expression) -> NativeVolume:
-    """The elements that carry a quantity, with ids and boxes only: those of one kind make a part.
+    """The elements that carry a quantity, with ids and boxes only, in one part for each patch.
 
     every  patches with the fields of the quantity, and with others after these
     """
