@@ -1,5 +1,7 @@
 """Contours of the reference: the coverage that it calls certain, against curves in closed form."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ from elvis import Camera, Clip, Contours, CutSurface, Faces, Plane, Scene, Statu
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, with_field
 from elvis.reference.picture import render
-from elvis.reference.scenes.contour_search import Place, _shares
+from elvis.reference.scenes.contour_search import LineSegments, Place, _shares, _solve, _whole_where_unsolved
 from elvis.reference.scenes.equations import Linear
 from elvis.renderer.completing import completed
 
@@ -161,3 +163,130 @@ def test_shares_of_a_line_end_where_a_coordinate_leaves_its_room():
     assert s[::-1][within[::-1].argmax(axis=0)][is_any] == pytest.approx(high[is_any], abs=2e-3)
     assert (high - low < 1e-3)[~is_any].all()
     assert 10 < is_any[::2].sum() < 30
+
+
+class Lines:
+    """Boxes [-1, 1]^d with equations f0 + A t + r = 0, |r| <= rho, and places in the picture."""
+
+    def __init__(self, dimension, bend):
+        rng, self.count = np.random.default_rng(dimension), 80
+        rows = rng.normal(size=(self.count, dimension - 1, dimension))
+        rows[::4, :, 0] = 0.0
+        self.equations = [
+            Linear(rng.uniform(-0.6, 0.6, self.count), row, rng.uniform(0.02, 0.2, self.count))
+            for row in rows.swapaxes(0, 1)
+        ]
+        self.gradient = rows
+        self.value, self.rest = (np.stack([getattr(f, n) for f in self.equations], axis=1) for n in ("value", "rest"))
+        steps = np.tile(np.eye(2, dimension), (self.count, 1, 1)) + bend * rng.normal(size=(self.count, 2, dimension))
+        nothing = np.zeros(self.count)
+        self.lifted = [Linear(nothing, step, bend * rng.uniform(0, 0.1, self.count)) for step in steps.swapaxes(0, 1)]
+        slope = 0.1 * bend * rng.normal(size=(self.count, dimension))
+        self.over = Linear(np.ones(self.count), slope, 0.2 * bend * rng.uniform(size=self.count))
+        self.middle = rng.uniform(-1, 1, (self.count, 2))
+        self.place = Place(self.middle, tuple(self.lifted), self.over, np.ones(self.count, bool))
+        # zeros are s k - G (f0 + r)
+        self.along = np.linalg.svd(rows)[2][:, -1]
+        self.along /= np.abs(self.along).max(axis=1, keepdims=True)
+        self.inverse = np.linalg.pinv(rows)
+
+    def at(self, points, errors):
+        """(m, n, 2) places in the picture, off by parts of their rests."""
+        columns, rows, weight = (
+            own.value + (own.gradient * points).sum(axis=2) + error * own.rest
+            for own, error in zip((*self.lifted, self.over), errors, strict=True)
+        )
+        return self.middle + np.stack([columns / weight, rows / weight], axis=2)
+
+    def zeros(self, off, points=301):
+        """(m, n, d) zeros, which are in boxes or not, if r is a part of its bound."""
+        return np.linspace(-4, 4, points)[:, None, None] * self.along - np.einsum(
+            "nim,nm->ni", self.inverse, self.value + off * self.rest
+        )
+
+
+def away_from(segment, places):
+    """(m, n) distances of places (m, n, 2) from segments, and the parts of these (m, n) at which they are nearest."""
+    first, last = segment.ends.swapaxes(0, 1)
+    way = last - first
+    part = ((places - first) * way).sum(axis=2) / (way**2).sum(axis=1)
+    nearest = first + part.clip(0, 1)[..., None] * way
+    return np.linalg.norm(places - nearest, axis=2), part
+
+
+@pytest.mark.parametrize("bend", [0.0, 1.0])
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_zeros_in_boxes_are_within_radii_of_their_segments(dimension, bend):
+    lines = Lines(dimension, bend)
+    segment, solved, there = _solve(lines.equations, lines.place)
+    rng, parts, reached = np.random.default_rng(5), [], []
+    for _ in range(20):
+        t = lines.zeros(rng.choice([-1.0, 1.0], lines.rest.shape))
+        is_inside = (np.abs(t) <= 1).all(axis=2)
+        assert there[is_inside.any(axis=0)].all()
+        away, part = away_from(segment, lines.at(t, rng.choice([-1.0, 1.0], (3, lines.count))))
+        assert (away <= segment.radius * (1 + 1e-9))[is_inside].all()
+        parts.append(np.where(is_inside, away, 0.0).max(axis=0) / segment.radius)
+        reached.append(np.where(is_inside, part, 0.5))
+    assert np.max(parts) > 0.5
+    assert np.min(reached) < 0.05
+    assert np.max(reached) > 0.95
+    assert 0 < there.sum() < lines.count
+    around = np.einsum("nim,nm->ni", np.abs(lines.inverse), lines.rest)
+    assert np.array_equal(solved, (around < 1 / 64).all(axis=1))
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_segments_end_where_zeros_may_leave_their_box_and_are_sure_where_none_does(dimension):
+    """Places are the first two coordinates, so that ends and radii have closed forms."""
+    lines = Lines(dimension, 0.0)
+    segment, _, there = _solve(lines.equations, lines.place)
+    middle = lines.zeros(0.0, 4001)
+    around = np.einsum("nim,nm->ni", np.abs(lines.inverse), lines.rest)
+    radius = np.linalg.norm((np.abs(lines.inverse) * lines.rest[:, None])[:, :2].sum(axis=2), axis=1)
+    assert segment.radius == pytest.approx(radius, rel=1e-12)
+    for found, room in ((segment.ends, 1 + around), (segment.sure, 1 - around)):
+        is_inside = (np.abs(middle) <= room).all(axis=2)
+        is_any = is_inside.sum(axis=0) > 5
+        assert there[is_any].all()
+        number, last = np.arange(lines.count), len(middle) - 1 - is_inside[::-1].argmax(axis=0)
+        ends = np.stack([middle[is_inside.argmax(axis=0), number, :2], middle[last, number, :2]], axis=1)
+        ends = ends + lines.middle[:, None]
+        found, ends = (np.take_along_axis(own, own[:, :, :1].argsort(axis=1), axis=1) for own in (found, ends))
+        assert found[is_any] == pytest.approx(ends[is_any], abs=4e-3)
+        assert is_any.sum() > 10
+    is_none = ~is_inside.any(axis=0)
+    assert np.isnan(segment.sure[is_none]).mean() > 0.8
+
+    # nothing is known with an unbounded equation, and of boxes that aren't in front of the eye
+    last = lines.equations[-1]
+    unbounded = Linear(last.value, last.gradient, np.full(lines.count, np.inf))
+    behind = replace(lines.place, before=np.zeros(lines.count, bool))
+    for equations, place in (([*lines.equations[:-1], unbounded], lines.place), (lines.equations, behind)):
+        _, is_solved, may_be = _solve(equations, place)
+        assert not is_solved.any()
+        assert may_be.all()
+
+
+def test_boxes_without_a_direction_are_drawn_whole():
+    """Segments are replaced if their radius isn't smaller than half the box; all places of boxes are within theirs."""
+    lines = Lines(2, 1.0)
+    segment, _, _ = _solve(lines.equations, lines.place)
+    _, step, rest = lines.place.around
+    lengths = np.linalg.norm(step, axis=1)
+    limit = lengths.sum(axis=1) + np.linalg.norm(rest, axis=1)
+    solved = np.arange(lines.count) % 3 > 0
+    close = np.where(np.arange(lines.count) % 2 == 0, 0.99, 1.01) * limit
+    given = LineSegments(segment.ends, segment.sure, close)
+    found, whole = _whole_where_unsolved(given, solved, lines.place)
+    assert np.array_equal(whole, ~(solved & (close < limit)))
+    assert np.isnan(found.sure[whole]).all()
+    for name in ("ends", "sure", "radius"):
+        assert np.array_equal(getattr(found, name)[~whole], getattr(given, name)[~whole], equal_nan=True)
+    shorter = lengths.min(axis=1) + np.linalg.norm(rest, axis=1)
+    assert found.radius[whole] == pytest.approx(shorter[whole], rel=1e-12)
+    rng = np.random.default_rng(7)
+    t = rng.choice([-1.0, 1.0], (60, lines.count, 2))
+    away, _ = away_from(found, lines.at(t, rng.choice([-1.0, 1.0], (3, 60, lines.count))))
+    assert (away <= found.radius * (1 + 1e-12))[:, whole].all()
+    assert (away / found.radius)[:, whole].max() > 0.5

@@ -19,6 +19,8 @@ SUMS = np.abs(TO_POWERS).sum(axis=1)
 #: the corners of a box, where polynomials with positive coefficients are largest, and points at its sides
 ENDS = np.array(list(product([-1, 0.2, 1], repeat=3)), float)
 DISC = 7
+#: so much smaller that some sub-elements have errors of series just below the limit
+TAILS = 1e-4 * tails(2)
 FOUND = [
     {"growth": 1, "weights": 6, "value": 1, "grown": 1, "slopes": 3},
     {"places": 2, "skewness": 1, "inverse": 9, "values": LEAVES * DISC, "gradients": 3 * LEAVES * DISC},
@@ -88,7 +90,7 @@ def enclosed(functions, boxes):
         "polynomials": boxes.coefficients,
         "axes": np.array(AXES),
         "box_sizes": np.array(BOXES),
-        "tails": tails(2),
+        "tails": TAILS,
         "memory": np.zeros(COUNT * 4 * 27),
     }
     found = {}
@@ -244,6 +246,17 @@ def test_products_of_fields_are_enclosed_with_their_level(boxes, enclosed):
         part = np.abs(values - enclosed["middle"][:, None]).max(axis=1) / enclosed["spread"][:, e]
         assert part.max() <= 1
         assert part.max() > 0.9
+        # the product of discs with linear parts
+        jets, radii = boxes.jets(np.zeros((COUNT, 1, 3)))[:, 0, 3:], radii_of(boxes, np.full(COUNT, axis))[:, 3:]
+        middle, slope = jets[..., 0], axis * jets[..., 1:]
+        rest = (radii - np.abs(slope).sum(axis=2)) * np.abs(middle[:, ::-1])
+        linear = np.abs((middle[:, ::-1, None] * slope).sum(axis=1)).sum(axis=1) + rest.sum(axis=1) + radii.prod(axis=1)
+        size, error = np.abs(middle) + radii, outside_of(boxes, 1.42 * boxes.half)[:, None] * boxes.errors[:, 3:]
+        of_product = (size * error[:, ::-1]).sum(axis=1) + error.prod(axis=1)
+        bound = linear * (1 + 1e-9) + of_product
+        assert enclosed["spread"][:, e] == pytest.approx(bound, rel=1e-11, abs=0), e
+        if e == 1:
+            assert enclosed["error"] == pytest.approx(of_product, rel=1e-6, abs=1e-12)
     assert enclosed["radius"] == pytest.approx(enclosed["spread"][:, 0], rel=1e-12, abs=0)
 
     # errors of the product by those of coefficients, on the first ellipse, and of sums
@@ -268,15 +281,54 @@ def test_products_of_fields_are_enclosed_with_their_level(boxes, enclosed):
 
 
 def test_misfits_are_those_of_the_best_ellipse_on_the_next_larger_box(boxes, enclosed):
-    known, boxes_at = tails(2), np.searchsorted(BOXES, boxes.c)
+    known, boxes_at = TAILS, np.searchsorted(BOXES, boxes.c)
     bounds = enclosed["spread"][:, 1:, None] * known[1:, boxes_at].transpose(1, 0, 2)
     best = np.argmin(np.where(np.isfinite(bounds[..., 2]), bounds[..., 2], np.inf), axis=1)
     assert enclosed["misfit"] == pytest.approx(bounds[np.arange(COUNT), best], rel=1e-12, abs=0)
     assert enclosed["steepness"] == pytest.approx(1 / (AXES[1] - boxes.c), rel=1e-12, abs=0)
     own = enclosed["spread"][:, 1:, None] * known[1:, 0]
     first = own[np.arange(COUNT), np.argmin(own[..., 2], axis=1), 1]
-    assert np.array_equal(enclosed["hopeless"] > 0, ~(first <= 2e-3 * enclosed["radius"]))
+    part = first / enclosed["radius"]
+    assert np.array_equal(enclosed["hopeless"] > 0, ~(part <= 2e-3))
+    assert part[part <= 2e-3].max() > 1e-3
+    assert part.max() > 2e-3
     assert enclosed["smooth"].all()
+
+
+SERIES = {"radius": 1, "error": 1, "summed": 1, "places": 1, "reach": 1, "misfit": 4, "is_small": 1, "smooth": 1}
+
+
+def test_series_of_boxes_hold_as_far_as_their_boxes_reach(functions):
+    """Derivatives along a sub-element's sides are smaller than along those of its box, in proportion to its longest."""
+    rng = np.random.default_rng(9)
+    box_centre, box_half = rng.uniform(-0.5, 0.5, (COUNT, 3)), rng.uniform(0.2, 0.4, (COUNT, 1))
+    share = rng.uniform(0.05, 0.9, (COUNT, 3))
+    centre, half = box_centre + rng.uniform(-0.8, 0.8, (COUNT, 3)) * box_half, share * box_half
+    misfit, numbers = rng.uniform(0.5, 1.0, (COUNT, 3)), rng.uniform(0.5, 1.0, (COUNT, 3))
+    models = np.concatenate([box_centre, box_half, misfit, numbers, np.zeros((COUNT, 7))], axis=1)
+    # the larger of two parts, relative to what the limit allows of it; one of each pair is just too large
+    part = share.max(axis=1)
+    value, first = misfit[:, 0], part * misfit[:, 1]
+    is_by_value, is_small = np.arange(COUNT) % 4 < 2, np.arange(COUNT) % 2 == 0
+    pixels = np.where(is_by_value, 1.5, 0.5) * first / value
+    largest = np.where(is_by_value, pixels * value, first)
+    extent = np.where(is_small, 1.01, 0.99) * 1000 * largest
+    within = np.where(np.arange(COUNT) % 8 == 7, 1.01, 0.99)
+    exports = "export static const bool in_boxes = true; export static const bool analytic = true;"
+    rows = np.concatenate([centre, half, np.stack([pixels, extent, within], axis=1)], axis=1)
+    kernel = functions("iso_enclose", exports)
+    (found,) = parted(kernel(rows, width_of([SERIES]), box_models=models), [SERIES])
+
+    assert (found["radius"] >= 1e300).all()
+    assert np.array_equal(np.stack([found["error"], found["summed"], found["places"]], axis=1), numbers)
+    ends = (np.abs(centre - box_centre) + found["reach"][:, None] * half).max(axis=1)
+    assert ends == pytest.approx(1.12 * box_half[:, 0], rel=1e-14)
+    second = part**2 * misfit[:, 2]
+    expected = np.where((within < 1)[:, None], np.stack([value, first, second, second], axis=1), np.inf)
+    assert found["misfit"] == pytest.approx(expected, rel=1e-14)
+    assert np.array_equal(found["is_small"] > 0, is_small & (within < 1))
+    assert np.array_equal(found["smooth"] > 0, found["reach"] >= 1)
+    assert {0, 1} == set(found["smooth"])
 
 
 @pytest.mark.parametrize("degree", [2, 5])

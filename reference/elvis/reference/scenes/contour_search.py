@@ -280,7 +280,7 @@ def _solve(equations: list[Linear], place: Place) -> tuple[LineSegments, Bools, 
     inner = _shares(base, unseen, 1.0 - around)
 
     # in the picture, from the middle of the line
-    start, half = 0.5 * (first + last), 0.5 * np.abs(last - first)
+    start, half = 0.5 * (first + last), 0.5 * (last - first)
     middle, along, deviation = place.along(start[:, None] * unseen - base, unseen, half, inverse * rest[:, None])
     ends, sure = (
         np.stack([middle + (share - start)[:, None] * along for share in shares], axis=1)
