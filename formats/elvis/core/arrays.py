@@ -43,6 +43,11 @@ def narrow_ints(values: Ints, below: int) -> NDArray[Any]:
     return frozen_view(values.astype(np.int32 if below <= 1 << 31 else np.int64, copy=False))
 
 
+def largest(values: Floats) -> float:
+    """The largest magnitude of values, 0 without any; no array is made."""
+    return float(max(values.max(initial=0.0), -values.min(initial=0.0)))
+
+
 def among(numbers: Ints, others: Ints) -> Bools:
     """(n,) which of numbers are among others.
 

@@ -6,9 +6,9 @@ is given as fields of the dataset, named by the metadata key ``GeometryMap``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Iterator
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -26,6 +26,8 @@ from elvis.core.polynomials.interpolation import modified
 from elvis.core.shapes import Shape
 
 T = TypeVar("T")
+#: the mapping of elements of one expansion, whose ``take`` gives the coefficients of some of them
+Part: TypeAlias = "GeometryBlock | Assembly | Columns"
 #: elements put together at once, so that intermediate arrays stay small
 _CHUNK = 1 << 13
 
@@ -85,14 +87,14 @@ def geometry(dataset: Dataset) -> tuple[GeometryBlock, ...]:
     return kept(dataset, "geometry", lambda: _whole(parts(dataset)))
 
 
-def mapping(dataset: Dataset) -> tuple[GeometryBlock | Assembly, ...]:
-    """`geometry`, but without a cache, straight elements compute their coefficients on demand."""
+def mapping(dataset: Dataset) -> tuple[Part, ...]:
+    """`geometry`, but without a cache, coefficients that are quickly put together are so on demand."""
     if dataset.mesh in _SHARED:
         return geometry(dataset)
     return tuple(part if isinstance(part, GeometryBlock) else part.at_hand() for part in parts(dataset))
 
 
-def _whole(found: Iterable[GeometryBlock | Assembly]) -> tuple[GeometryBlock, ...]:
+def _whole(found: Iterable[Part]) -> tuple[GeometryBlock, ...]:
     return tuple(part if isinstance(part, GeometryBlock) else part.block() for part in found)
 
 
@@ -135,9 +137,9 @@ def _known(dataset: Dataset) -> dict[Hashable, Any] | None:
     return found
 
 
-def parts(dataset: Dataset) -> tuple[GeometryBlock | Assembly, ...]:
-    """`geometry`, but blocks that depend only on the mesh are assembled on demand."""
-    mapped = tuple(_mapped_blocks(dataset))
+def parts(dataset: Dataset) -> tuple[Part, ...]:
+    """`geometry`, but coefficients are put together on demand."""
+    mapped = tuple(_mapped_parts(dataset))
     ids = dataset.mesh.domain_ids()
     for block in mapped:
         ids = np.setdiff1d(ids, block.element_ids, assume_unique=True)
@@ -148,8 +150,8 @@ def parts(dataset: Dataset) -> tuple[GeometryBlock | Assembly, ...]:
     return (*(part for shape in shapes for part in _assemble(skeleton, shape, ids)), *mapped)
 
 
-def _mapped_blocks(dataset: Dataset) -> Iterator[GeometryBlock]:
-    """Blocks of the elements whose mapping is given as fields."""
+def _mapped_parts(dataset: Dataset) -> Iterator[Columns]:
+    """The elements whose mapping is given as fields."""
     names = dataset.map_names
     if not names:
         return
@@ -159,21 +161,51 @@ def _mapped_blocks(dataset: Dataset) -> Iterator[GeometryBlock]:
         raise FormatError(f"expected up to three fields of the dataset as geometry map, found {found}")
     held = [np.concatenate([block.element_ids for block in present[name]] or [np.empty(0, np.int64)]) for name in names]
     for group in grouped(np.intersect1d(dataset.mesh.domain_ids(), np.concatenate(held)), [present[n] for n in names]):
-        yield _stack(names, group)
+        yield _columns(names, group)
 
 
-def _stack(names: tuple[str, ...], group: Group) -> GeometryBlock:
-    """The coordinates of a group of elements as one block, coordinates without a field zero."""
-    expansion, columns = group.expansions[0], group.coefficients
+def _columns(names: tuple[str, ...], group: Group) -> Columns:
+    """The coordinates of a group of elements; FormatError if they don't share one expansion."""
+    expansion = group.expansions[0]
     if expansion is None or expansion.homogeneous or set(group.expansions) != {expansion}:
         found = f"other expansions for element {group.element_ids[0]}"
         raise FormatError(
             f"expected one expansion, and not a Fourier one, for all of {', '.join(names)}, found {found}"
         )
-    coefficients = np.zeros((len(group.element_ids), 3, mode_count(expansion)))
-    for coordinate, column in enumerate(columns):
-        coefficients[:, coordinate] = column
-    return GeometryBlock(expansion, frozen_ints(group.element_ids), frozen_floats(coefficients))
+    columns = [column for column in group.coefficients if column is not None]
+    return Columns(expansion, frozen_ints(group.element_ids), columns)
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """The mapping of elements of one expansion, to be put together from fields.
+
+    element_ids  (n,) ids in the file
+    columns      (n, m) coefficients of each coordinate that has a field; others are zero
+    """
+
+    expansion: Expansion
+    element_ids: Ints
+    columns: Sequence[Floats]
+
+    def __len__(self) -> int:
+        return len(self.element_ids)
+
+    def take(self, which: slice | Ints) -> Floats:
+        """(k, 3, m) coefficients of the elements ``which`` (k,) of these."""
+        some = [column[which] for column in self.columns]
+        coefficients = np.zeros((len(some[0]), 3, mode_count(self.expansion)))
+        for coordinate, column in enumerate(some):
+            coefficients[:, coordinate] = column
+        return coefficients
+
+    def at_hand(self) -> Columns:
+        """Itself, as its elements are quickly put together."""
+        return self
+
+    def block(self) -> GeometryBlock:
+        """All of it."""
+        return GeometryBlock(self.expansion, self.element_ids, frozen_floats(self.take(slice(None))))
 
 
 @dataclass(frozen=True, eq=False)

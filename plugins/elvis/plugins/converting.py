@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
@@ -10,10 +10,11 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.arrays import frozen_floats, frozen_ints
 from elvis.core.dataset import MAP_FIELDS, MAP_KEY, Block, Dataset, Field
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.interfaces.interface_composites import with_interfaces
+from elvis.core.mapping.mode_entities import entities
 from elvis.core.mesh import Mesh
 from elvis.core.quantities.needed import needed_fields
 from elvis.core.validity.folded import folded
@@ -27,12 +28,11 @@ from elvis.plugins.projection.choosing import (
     with_foreseen_map,
 )
 from elvis.plugins.projection.curves import with_curves
-from elvis.plugins.projection.fitting import FieldFit, beyond, field_modes, fit_positions, mapped, padded
+from elvis.plugins.projection.fitting import FieldFit, Positions, beyond, field_modes, fit_positions, padded
 from elvis.plugins.projection.measuring import is_exact_map, measure
 from elvis.plugins.projection.projecting import Projection, at_order, at_tolerance, fit_joined
 from elvis.plugins.projection.sampling import Sampler
 from elvis.plugins.projection.topology import Topology
-from elvis.plugins.projection.traces import Traces
 from elvis.plugins.projection.verification import Findings, Maps, check
 from elvis.plugins.report import Report
 from elvis.plugins.reporting import report_of
@@ -197,13 +197,14 @@ def _attempt(orders: ChosenOrders, settings: Settings, before: _Attempt | None =
     source, sampler = orders.source, Sampler(orders.source)
     if before is not None and before.orders.plan.mesh is not orders.plan.mesh:
         before = None
-    mesh = _mesh(orders, before)
+    mesh, positions = _mesh(orders, before)
     found = projected(sampler, mesh, orders, settings, before.fitted if before else ())
     blocks, fitted, straight = found.blocks, found.fields, found.findings
 
     # where the mesh file can't hold the map, it travels as fields
     has_map = settings.geometry == "map" or (settings.geometry == "auto" and straight.exceeding)
-    maps = _maps(sampler, mesh, blocks) if has_map else []
+    maps = _maps(sampler, mesh, blocks, positions) if has_map else []
+    del positions
     dataset = _dataset(source, mesh, blocks, orders.fields, [*fitted, *maps], has_map)
     first = straight
     if has_map:
@@ -213,12 +214,12 @@ def _attempt(orders: ChosenOrders, settings: Settings, before: _Attempt | None =
     return _Attempt(orders, dataset, blocks, fitted, maps, straight, findings)
 
 
-def _mesh(orders: ChosenOrders, before: _Attempt | None) -> Mesh:
-    """The mesh with its curves."""
+def _mesh(orders: ChosenOrders, before: _Attempt | None) -> tuple[Mesh, Positions | None]:
+    """The mesh with its curves, and the coordinates if they were fitted for that."""
     if orders.source.mesh is not None:
-        return orders.plan.mesh
+        return orders.plan.mesh, None
     if before is not None and before.orders.source is orders.source:
-        return before.dataset.mesh
+        return before.dataset.mesh, None
     return _curve(Sampler(orders.source), orders.plan)
 
 
@@ -308,21 +309,17 @@ def _check_field(source: Converter, field: SourceField) -> None:
             raise ElvisError(f"field {field.name}: expected an order from 0 to {HIGHEST}, found {order}")
 
 
-def _curve(sampler: Sampler, plan: Topology) -> Mesh:
-    """The mesh with the curves of the source's map, in the space of the axes up to the last that is used."""
-    traces = Traces(plan.mesh, plan.blocks, [block.source.order + 1 for block in plan.blocks])
-    is_used, lines = np.zeros(3, bool), []
+def _curve(sampler: Sampler, plan: Topology) -> tuple[Mesh, Positions]:
+    """The mesh with the curves of the source's map, in the space of the axes up to the last that is used, and the map.
 
-    def parts() -> Iterator[tuple[int, slice | Ints, Floats]]:
-        for number, rows, own in mapped(sampler, plan.blocks):
-            np.logical_or(is_used, own.any(axis=(0, 2)), out=is_used)
-            if plan.mesh.dimension == 1:
-                lines.append((plan.blocks[number].mesh_rows[rows], own))
-            yield number, rows, own
-
-    skins = traces.taken(parts(), 3)
-    space = max(plan.mesh.dimension, 1 + int(np.flatnonzero(is_used).max(initial=0)))
-    return with_curves(replace(plan.mesh, space=space), skins, lines)
+    Coefficients are kept if the mesh file can't hold all of them: those of the inside of elements.
+    """
+    is_kept = any(len(entities(block.shape, block.source.order + 1).inside) for block in plan.blocks)
+    found = fit_positions(sampler, plan.mesh, plan.blocks, is_kept=is_kept)
+    mesh = replace(plan.mesh, space=max(plan.mesh.dimension, found.space))
+    pairs = zip(plan.blocks, found.columns, strict=False)
+    lines = [(block.mesh_rows, own.transpose(1, 0, 2)) for block, own in pairs] if mesh.dimension == 1 else []
+    return with_curves(mesh, found.skins, lines), found
 
 
 def projected(
@@ -338,19 +335,19 @@ def projected(
     return at_order(sampler, mesh, blocks, fields, before)
 
 
-def _maps(sampler: Sampler, mesh: Mesh, blocks: Sequence[NativeBlock]) -> list[FieldFit]:
-    """The coordinates as fields, with one trace on what elements share wherever theirs agree."""
-    positions = fit_positions(sampler, blocks, in_own_space=True)
+def _maps(sampler: Sampler, mesh: Mesh, blocks: Sequence[NativeBlock], known: Positions | None) -> list[FieldFit]:
+    """The coordinates as fields, with one trace on what elements share wherever theirs agree.
+
+    known  the coordinates in Modified expansions, None if they are to be fitted
+    """
+    found = known.joined_on(blocks) if known and not any(block.is_ortho for block in blocks) else None
+    if found is None:
+        found = fit_positions(sampler, mesh, blocks, in_own_space=True).joined_on(blocks)
+        assert found is not None
     modes = tuple(block.source.order + 1 for block in blocks)
-    traces = Traces(mesh, blocks, [0 if b.is_ortho else n for b, n in zip(blocks, modes, strict=True)])
-    skins = traces.gather(positions)
-    magnitude = max(float(np.abs(own).max(initial=0)) for own in positions)
-    if skins.largest_change(positions).max(initial=0) <= 1e-12 * magnitude:
-        skins.apply(positions)
-    columns = [tuple(np.ascontiguousarray(own[:, axis]) for own in positions) for axis in range(3)]
     source_fields = [SourceField(name, max(modes) - 1) for name in MAP_FIELDS]
-    kept = zip(source_fields, columns, strict=True)
-    return [FieldFit(field, modes, column) for field, column in list(kept)[: mesh.space]]
+    columns = zip(source_fields, zip(*found, strict=True), strict=True)
+    return [FieldFit(field, modes, column) for field, column in list(columns)[: mesh.space]]
 
 
 def _field(planes: Sequence[FieldFit], blocks: Sequence[NativeBlock], modes: Sequence[tuple[int, ...]]) -> Field:

@@ -12,7 +12,7 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Dataset, Expansion
 from elvis.core.distances.boundaries import side_coefficients, sides_of
 from elvis.core.distances.surface_patches import CORNERS, WHOLE, SurfacePatches
-from elvis.core.geometry import Assembly, GeometryBlock, mapping
+from elvis.core.geometry import Part, mapping
 from elvis.core.mapping.orientation import chunks
 from elvis.core.polynomials.expansion import mode_count, values_and_gradients
 from elvis.core.polynomials.quadrature import gauss
@@ -42,7 +42,7 @@ class SideGroup:
     patches  the sides as polynomials on the domains of `surface_patches`
     """
 
-    block: GeometryBlock | Assembly
+    block: Part
     rows: Ints
     local: tuple[int, ...]
     entity: Ints
@@ -203,7 +203,7 @@ def side_set(dataset: Dataset, wanted: Bools) -> SideSet:
     return SideSet(groups)
 
 
-def _groups_of(dataset: Dataset, block: GeometryBlock | Assembly, wanted: Bools) -> Iterator[SideGroup]:
+def _groups_of(dataset: Dataset, block: Part, wanted: Bools) -> Iterator[SideGroup]:
     """The requested sides of a block's elements, which are then removed from the request."""
     shape = block.expansion.shape
     members = sides_of(dataset.mesh, shape, block.element_ids)

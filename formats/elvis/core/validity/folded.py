@@ -12,7 +12,7 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints, distinct
 from elvis.core.dataset import Dataset
-from elvis.core.geometry import Assembly, GeometryBlock, parts
+from elvis.core.geometry import Assembly, GeometryBlock, Part, parts
 from elvis.core.mapping.orientation import chunks
 from elvis.core.polynomials.expansion import values
 from elvis.core.ranks import ALONE, Ranks
@@ -80,7 +80,7 @@ def folded(dataset: Dataset, ranks: Ranks = ALONE) -> Folded:
     return Folded.joined([Folded(*own) for own in every])
 
 
-def _suspects(dataset: Dataset) -> Iterator[tuple[GeometryBlock | Assembly, Ints]]:
+def _suspects(dataset: Dataset) -> Iterator[tuple[Part, Ints]]:
     """Parts of the map, and rows (n,) of elements that don't pass the quick test."""
     for part in parts(dataset):
         for rows in _doubtful(part):
@@ -88,7 +88,7 @@ def _suspects(dataset: Dataset) -> Iterator[tuple[GeometryBlock | Assembly, Ints
                 yield part, rows
 
 
-def _doubtful(part: GeometryBlock | Assembly) -> Iterator[Ints]:
+def _doubtful(part: Part) -> Iterator[Ints]:
     """Rows of elements that don't pass the quick test, some after another."""
     is_simplex = part.expansion.shape in (Shape.TRIANGLE, Shape.TETRAHEDRON)
     if isinstance(part, Assembly) and part.is_straight and is_simplex:
@@ -103,7 +103,7 @@ def _doubtful(part: GeometryBlock | Assembly) -> Iterator[Ints]:
         yield rows[~are_regular(part.expansion, _maps(part, rows))]
 
 
-def _maps(part: GeometryBlock | Assembly, rows: Ints) -> Floats:
+def _maps(part: Part, rows: Ints) -> Floats:
     """(n, 3, m) coefficients of elements; for segments that run backwards, coefficients of their mirror image."""
     coefficients = part.take(rows)
     if part.expansion.shape is not Shape.SEGMENT:

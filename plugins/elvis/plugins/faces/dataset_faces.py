@@ -10,7 +10,7 @@ from elvis.core.arrays import Floats, Ints, frozen_floats
 from elvis.core.dataset import Dataset
 from elvis.core.distances.boundaries import inner_sides
 from elvis.core.errors import ElvisError
-from elvis.core.geometry import Assembly, GeometryBlock, mapping
+from elvis.core.geometry import Part, mapping
 from elvis.core.mapping.orientation import face_shape, first_face_row
 from elvis.core.mesh import Mesh
 from elvis.core.polynomials.bernstein import bernstein_space
@@ -71,9 +71,7 @@ def faces_by_shape(shape: Shape) -> Iterator[tuple[Shape, list[int]]]:
             yield kind, local
 
 
-def _blocks(
-    mesh: Mesh, part: int, block: GeometryBlock | Assembly, rows: Ints, numbers: Ints, length: float | None
-) -> Iterator[FaceBlock]:
+def _blocks(mesh: Mesh, part: int, block: Part, rows: Ints, numbers: Ints, length: float | None) -> Iterator[FaceBlock]:
     """The faces of the elements ``rows`` of a block, which are ``numbers`` in their part: by shape of face."""
     shape = block.expansion.shape
     degree = max(1, *bernstein_space(block.expansion).degrees)
@@ -132,7 +130,7 @@ def _plane_numbers(mesh: Mesh, shape: Shape, rows: Ints) -> Ints:
     return np.asarray(rows[:, None] + first_face_row(mesh, shape))
 
 
-def _images(block: GeometryBlock | Assembly, length: float | None) -> Images:
+def _images(block: Part, length: float | None) -> Images:
     """The maps of a block's elements; in quasi-3D data the third coordinate goes from 0 to the length."""
 
     def positions(rows: Ints, points: Floats) -> Floats:

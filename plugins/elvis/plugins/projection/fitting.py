@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, frozen_ints
+from elvis.core.arrays import Floats, Ints, frozen_ints, largest
 from elvis.core.bounded_cache import bounded_cache
 from elvis.core.dataset import Expansion
 from elvis.core.mapping.projections import Operator, best, conforming
+from elvis.core.mesh import Mesh
 from elvis.core.polynomials.expansion import mode_count, mode_indices
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.terminal import track
@@ -18,10 +19,13 @@ from elvis.plugins.conversion import SourceField
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.sampling import Sampler
 from elvis.plugins.projection.spaces import is_contained
-from elvis.plugins.projection.traces import Traces
+from elvis.plugins.projection.traces import Skins, Traces
 
 #: quadrature points each way beyond the order, for what isn't in the space
 _EXTRA = 1
+
+#: share of the largest coordinate up to which elements agree on what they share
+_AGREEING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,24 +93,64 @@ def _work(
                 yield number, rows, points, group
 
 
-def fit_positions(sampler: Sampler, blocks: Sequence[NativeBlock], in_own_space: bool = False) -> list[Floats]:
-    """(n, 3, m) coefficients of the coordinates on each block: all that `mapped` gives."""
-    sizes = [position_operator(block, in_own_space).matrix.shape[1] for block in blocks]
-    found = [np.empty((len(block), 3, size)) for block, size in zip(blocks, sizes, strict=True)]
-    for number, rows, own in mapped(sampler, blocks, in_own_space):
-        found[number][rows] = own
-    return found
+@dataclass(frozen=True, eq=False)
+class Positions:
+    """The coordinates of elements, and what elements share of them.
 
-
-def mapped(
-    sampler: Sampler, blocks: Sequence[NativeBlock], in_own_space: bool = False
-) -> Iterator[tuple[int, slice | Ints, Floats]]:
-    """Block, rows and coefficients (k, 3, m) of the coordinates there, a batch at a time.
-
-    in_own_space  in the block's own expansion; else in the Modified one, whose edges and faces a mesh file holds
+    columns  (3, n, m) coefficients on each block of the traces; none if they are not needed again
+    space    number of axes up to the last with coordinates other than 0
     """
-    for number, block in enumerate(blocks):
-        which = position_operator(block, in_own_space)
+
+    columns: list[Floats]
+    skins: Skins
+    space: int
+
+    def joined_on(self, blocks: Sequence[NativeBlock]) -> list[Floats] | None:
+        """The coefficients (3, n, m) on other blocks, with one trace on what elements share if theirs agree.
+
+        They are changed in place.  None if these are not the coordinates of such blocks.
+        """
+        kept = [(own, block) for own, block in zip(self.columns, self.skins.blocks, strict=False) if len(block)]
+        if len(kept) != len(blocks) or any(own.rows is not b.rows for (_, own), b in zip(kept, blocks, strict=True)):
+            return None
+        wide = [own.transpose(1, 0, 2) for own in self.columns]
+        magnitude = max(map(largest, self.columns), default=0.0)
+        change = self.skins.largest_change(wide).max(initial=0)
+        if 0 < change <= _AGREEING * magnitude:
+            self.skins.apply(wide)
+        return [own for own, _ in kept]
+
+
+def fit_positions(
+    sampler: Sampler, mesh: Mesh, blocks: Sequence[NativeBlock], in_own_space: bool = False, is_kept: bool = True
+) -> Positions:
+    """The coordinates on the blocks.
+
+    in_own_space  in each block's own expansion; else in the Modified one, whose edges and faces a mesh file holds
+    is_kept       whether the coefficients are needed again
+    """
+    operators = [position_operator(block, in_own_space) for block in blocks]
+    sizes = zip(map(len, blocks), operators, strict=True)
+    columns = [np.empty((3, count, own.matrix.shape[1])) for count, own in sizes] if is_kept else []
+    is_used = np.zeros(3, bool)
+
+    def parts() -> Iterator[tuple[int, slice | Ints, Floats]]:
+        for number, rows, own in _mapped(sampler, blocks, operators):
+            np.logical_or(is_used, own.any(axis=(0, 2)), out=is_used)
+            if is_kept:
+                columns[number][:, rows] = own.transpose(1, 0, 2)
+            yield number, rows, own
+
+    modes = [0 if block.is_ortho and in_own_space else block.source.order + 1 for block in blocks]
+    skins = Traces(mesh, blocks, modes).taken(parts(), 3)
+    return Positions(columns, skins, 1 + int(np.flatnonzero(is_used).max(initial=0)))
+
+
+def _mapped(
+    sampler: Sampler, blocks: Sequence[NativeBlock], operators: Sequence[Operator]
+) -> Iterator[tuple[int, slice | Ints, Floats]]:
+    """Block, rows and coefficients (k, 3, m) of the coordinates there, a batch at a time."""
+    for number, (block, which) in enumerate(zip(blocks, operators, strict=True)):
         for rows, points in track(list(sampler.batches(block, which.points)), "mapping"):
             samples = sampler.positions(block, rows, points).transpose(0, 2, 1)
             yield number, rows, which.fit(samples)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from elvis.core.arrays import largest
 from elvis.core.dataset import Dataset
 from elvis.core.mesh import Mesh
 from elvis.plugins.conversion import SourceField
@@ -116,7 +117,7 @@ def _join(
             continue
         if modes not in known:
             known[modes] = Traces(mesh, blocks, modes)
-        magnitude = max((float(np.abs(own).max(initial=0)) for own in each.coefficients), default=0.0)
+        magnitude = max(map(largest, each.coefficients), default=0.0)
         tolerance = np.inf if by_force else (1e-9 + 16 * source.precision) * magnitude
         result[i] = join_traces(each, known[modes])
         if not result[i].jump <= tolerance:

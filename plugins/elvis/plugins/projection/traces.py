@@ -202,6 +202,11 @@ class Skins:
         self.edges = np.zeros((count, width, most - 2))
         self.faces = {kind: np.zeros((len(rows), width, len(self.inside[kind]))) for kind, rows in traces.faces.items()}
 
+    @property
+    def blocks(self) -> tuple[NativeBlock, ...]:
+        """The blocks of the elements."""
+        return self._traces.blocks
+
     def put(self, kind: Shape, rows: Ints, squares: Floats) -> None:
         """Store the coefficients (k, c, modes^2) of faces ``rows``, and coefficients of their edges and vertices."""
         traces, most = self._traces, self._traces.most
@@ -242,10 +247,11 @@ class Skins:
         def change(number: int, rows: slice) -> Floats:
             worst, own = np.zeros(self.width), coefficients[number]
             for here, carried, seen in self._traces.views(number, rows, self):
-                given = seen.transpose(0, 2, 1)
-                difference = np.abs(own[here[:, None], :, carried] - given)
-                worst = np.maximum(worst, difference.max(axis=(0, 1), initial=0))
-                if is_given:
+                given, difference = seen.transpose(0, 2, 1), own[here[:, None], :, carried]
+                difference -= given
+                largest = np.abs(difference, out=difference).max(axis=(0, 1), initial=0)
+                worst = np.maximum(worst, largest)
+                if is_given and largest.any():
                     # what faces share is the same to the last bit, so that the next face finds no difference there
                     own[here[:, None], :, carried] = given
             return worst

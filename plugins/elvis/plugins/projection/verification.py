@@ -10,7 +10,7 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.dataset import Dataset
-from elvis.core.geometry import Assembly, GeometryBlock, parts
+from elvis.core.geometry import Part, parts
 from elvis.core.mapping.tangents import determinants
 from elvis.core.polynomials.evaluation import evaluate, evaluate_with_gradients
 from elvis.core.shapes import Shape
@@ -320,7 +320,7 @@ class Maps:
             places[here], matrices[here] = found.transpose(0, 2, 1), gradients.transpose(0, 2, 1, 3)
         return places, matrices
 
-    def _parts(self, ids: Ints) -> Iterator[tuple[GeometryBlock | Assembly, slice | Ints, Floats]]:
+    def _parts(self, ids: Ints) -> Iterator[tuple[Part, slice | Ints, Floats]]:
         """Blocks, where in ``ids`` their elements are, and the coefficients of these."""
         place = self._order[np.searchsorted(self._ids, ids)]
         which, rows = self._block[place], self._row[place]

@@ -58,11 +58,20 @@ def clusters(points: Floats, tolerance: float) -> Ints:
 
 
 def _join(points: Floats, labels: Ints, cells: Floats, tolerance: float) -> Ints:
-    """The labels once neighbours in the order of cells that share one, and lie together, are joined."""
-    if len(distinct_bits(cells)[0]) == len(cells):
+    """The labels once points of a cell that lie together are joined: with its first, or else neighbours in order."""
+    first, which = distinct_bits(cells)
+    if len(first) == len(cells):
         return labels
-    order = np.lexsort((*points.T, *cells.T))
-    same = (cells[order[1:]] == cells[order[:-1]]).all(axis=1)
+    near = np.abs(points - points[first[which]]).max(axis=1, initial=0) <= tolerance
+    far = np.zeros(len(first), bool)
+    far[which[~near]] = True
+    rows = np.flatnonzero(~far[which])
+    labels = connected_labels(labels, rows, first[which[rows]])
+
+    # in cells with several clusters, neighbours in the order of coordinates
+    mixed = np.flatnonzero(far[which])
+    order = mixed[np.lexsort((*points[mixed].T, which[mixed]))]
+    same = which[order[1:]] == which[order[:-1]]
     near = np.abs(points[order[1:]] - points[order[:-1]]).max(axis=1, initial=0) <= tolerance
     pairs = np.flatnonzero(same & near)
     return connected_labels(labels, order[pairs], order[pairs + 1])
