@@ -327,6 +327,8 @@ CLAIMS = [
 ]
 #: the eigenvalue's bound 2 |D| / Q takes all factors of D as independent: wide, but of the right order
 WIDE = {slopes_of_graphs_of_eigenvalues: 0.05, slopes_of_graphs_of_steady_eigenvalues: 0.05}
+#: parabolas attain their bound
+WIDE[shares_of_parabolas] = 0.99
 
 
 @pytest.mark.parametrize("claim", CLAIMS)
@@ -568,3 +570,13 @@ def test_middle_eigenvalues_are_rounded_by_the_size_of_their_matrix(monkeypatch)
     low, high = intervals.middle_eigenvalue(lambda *entries: entries[0])(*((each, each) for each in entries))
     rounding = 2.0**-10 * np.abs(entries).sum()
     assert (low, high) == (1.0 - rounding, 1.0 + rounding)
+
+
+def test_squares_of_imaginary_roots_are_off_in_proportion_to_their_operands(monkeypatch):
+    """By a part of |a| + |b|^(2/3), below and above."""
+    monkeypatch.setattr(intervals, "_ROUNDING", 0.01)
+    a, b = np.random.default_rng(3).uniform(-2, 2, (2, COUNT))
+    low, high = intervals.imaginary_root(lambda a, b: np.full_like(a, 2.0))((a, a), (b, b))
+    room = 0.01 * (np.abs(a) + np.abs(b) ** (2 / 3))
+    assert low**2 == pytest.approx(4 - room, rel=1e-12)
+    assert high**2 == pytest.approx(4 + room, rel=1e-12)

@@ -11,6 +11,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.integrals import (
     analytic_error,
     box_discs,
+    copied_integrals,
     disc_algebra,
     graph_discs,
     graph_orders,
@@ -19,6 +20,7 @@ from elvis.core.integrals import (
     integration,
     level_error,
     refinement,
+    taylor,
     tree_discs,
 )
 from elvis.core.integrals.analytic_error import Bounds
@@ -28,6 +30,8 @@ from elvis.core.integrals.cut_expansions import Expansion
 from elvis.core.integrals.eta_boxes import EtaBoxes
 from elvis.core.integrals.graph_discs import root_radii
 from elvis.core.integrals.groups import Sums
+from elvis.core.integrals.integration import Integral
+from elvis.core.integrals.level_boxes import LevelBoxes
 from elvis.core.integrals.quadrics import quadric
 from elvis.core.integrals.reference_cells import box_rule
 from elvis.core.integrals.refinement import Summation
@@ -35,7 +39,7 @@ from elvis.core.integrals.tree_discs import Ball, TreeDiscs, divided
 from elvis.core.polynomials.boxnets import on_lattice
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.quantities import Expression, discs
-from elvis.core.quantities.tree import fold
+from elvis.core.quantities.tree import call, fold, number
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
 
@@ -790,3 +794,62 @@ def test_enclosures_of_integrals_combine_ends_of_integrands_and_measures():
     least, most = analytic_error._enclosure(found, None, False, volumes, None)
     assert np.allclose(least, 4 * volumes * [2 * 0.9, -3 * 1.1, -1.1], rtol=1e-14)
     assert np.allclose(most, 4 * volumes * [3 * 1.1, -2 * 0.9, 1.1], rtol=1e-14)
+
+
+def test_discs_of_expansions_have_all_terms_but_the_constant_as_their_radius():
+    """Constants of both signs; bounds of coefficients contain the constant's magnitude."""
+    rng = np.random.default_rng(5)
+    coefficients, radius = rng.normal(size=(COUNT, 1, 1, 1)), rng.uniform(0.1, 1, (COUNT, 2))
+    by_power = rng.uniform(0, 1, (COUNT, 2, 3))
+    by_power[..., 0] += np.abs(coefficients[:, 0, 0])
+    middle, found = taylor.constant_and_rest(coefficients, by_power, radius)
+    assert np.array_equal(middle[:, 0], coefficients[:, 0, 0, 0])
+    terms = (by_power * radius[..., None] ** np.arange(3)).sum(axis=2)
+    assert found == pytest.approx(terms - np.abs(middle), rel=1e-12)
+    assert (found >= terms - np.abs(middle)).all()
+
+
+def test_roots_of_multiples_have_the_slack_of_roots_times_that_of_the_factor():
+    node = call("*", number(4.0), call("abs", number(1.0)))
+    disc = np.float64(1.0), np.float64(0.5)
+    first, last = Ball(*disc, 0.5, 0.5, 0.1, 0.1), Ball(*disc, 0.5, 0.5, 0.2, 0.3)
+    total, of_root = tree_discs._slacks_of_product(node, first, last)
+    assert total == pytest.approx(0.1 * last.size + 0.2 * first.size)
+    assert of_root == pytest.approx(2 * 0.3)
+
+
+@pytest.mark.parametrize(("integrand", "share"), [("u", 1.0), ("average u", 0.5)])
+def test_copies_add_up_with_their_errors(integrand, share):
+    rows = [Integral("domain", integrand, 1.0, 0.25, 2.0, True), Integral("domain", integrand, 4.0, 0.5, 3.0, False)]
+    found = copied_integrals._total(rows)
+    assert (found.value, found.error, found.measure, found.exact) == (5 * share, 0.75 * share, 5.0, False)
+
+
+@pytest.mark.parametrize("part", [0.99, 1.01])
+def test_integrals_are_remarked_on_beyond_twice_the_requested_error(part):
+    """Their rounding is left aside."""
+    sums = SimpleNamespace(places={}, beyond=np.zeros(1), magnitude=np.array([3.0]), is_bound=np.ones(1, bool))
+    sums.rounding, sums.error = np.array([0.1]), np.array([0.1 + 2 * 3.0 * 1e-3 * part])
+    found = [*integration._remarks([("domain", sums)], [SimpleNamespace(text="u")], 1e-3)]
+    assert len(found) == (part > 1)
+
+
+def test_boxes_on_levels_have_lost_surfaces_in_their_error():
+    measure, moved = np.ones((1, 1)), np.array([[0.25]])
+
+    class Boxes(LevelBoxes):
+        lost, moved, rounding = np.array([[0.5]]), np.array([[0.25]]), np.zeros((1, 1))
+
+        def __len__(self):
+            return 1
+
+    boxes = object.__new__(Boxes)
+    values = iter([1.0, 1.1, 1.3])
+
+    def integrate(boxes, numbers, counts):
+        return groups.BoxIntegrals(np.array([[next(values)]]), measure, measure, 0 * measure)
+
+    own = SimpleNamespace(_integrate=integrate, _planned=0)
+    found = Summation._compared(own, boxes, [0], (2, 2), False)
+    assert found.error == pytest.approx(refinement._SAFETY * 0.3 + 0.5)
+    assert found.moved == moved

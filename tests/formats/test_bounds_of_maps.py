@@ -19,7 +19,7 @@ from elvis.core.cores.parallel import ParallelVectors, rotations
 from elvis.core.dataset import Dataset
 from elvis.core.geometry import geometry
 from elvis.core.integrals.subcells import subcell_map
-from elvis.core.mapping.enclosure import _Cells, _root_bounds
+from elvis.core.mapping.enclosure import _Cells, _contracted, _root_bounds
 from elvis.core.mapping.margins import facets, heights
 from elvis.core.mapping.newton import heights_rounding
 from elvis.core.polynomials.bernstein import BernsteinSpace
@@ -226,6 +226,18 @@ def test_cells_with_images_beyond_the_slack_have_no_root(part, is_empty):
             cells = _Cells(np.arange(1), np.zeros((1, 2)), np.ones((1, 2)), net)
             lower, upper, _ = _root_bounds(cells, np.full(1, 0.1))
             assert (lower > upper).any() == is_empty
+
+
+@pytest.mark.parametrize(("part", "is_kept"), [(0.99, True), (1.01, False)])
+def test_roots_beyond_the_slanted_side_are_kept_within_reach(part, is_kept):
+    """The map of a triangle is the identity; the target is where coordinates add up to more than 1."""
+    place = 0.5 + 0.05 * part
+    net = np.zeros((3, 2, 2, 1))
+    net[0, :, :, 0], net[1, :, :, 0] = np.array([[0.0], [1.0]]) - place, np.array([0.0, 1.0]) - place
+    cells = _Cells(np.arange(1), np.zeros((1, 2)), np.ones((1, 2)), net)
+    tiny = np.full(1, 1e-9)
+    targets = SimpleNamespace(precision=tiny, distance=tiny, patch=SimpleNamespace(shape=Shape.TRIANGLE))
+    assert len(_contracted(cells, targets, np.full(1, 0.1))[0]) == is_kept
 
 
 @pytest.mark.parametrize("degrees", [(1,), (3,)])
