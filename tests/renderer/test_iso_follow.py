@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from kernel_functions import parted, width_of
 from numpy.polynomial import chebyshev
-from sub_elements import COUNT, ORDER, SUMMED, SubElements, outside_of, terms_at
+from sub_elements import COUNT, LEBESGUE, ORDER, POWERS, SUMMED, SubElements, outside_of, terms_at
 
+from elvis.core.polynomials.chebyshev_nodes import series
 from elvis.renderer.passes.isosurface.enclosing import AXES, BOXES, tails
 
 #: room around sub-elements, and extents that are tried, as in the kernel
@@ -228,7 +229,7 @@ def worth_of(remainder, size, error):
 class Followed:
     """What is known of rays through sub-elements: iso_follow, in NumPy."""
 
-    def __init__(self, cases):
+    def __init__(self, cases, pixels=(10, 20)):
         px, py = cases.grid_places.T
         vx, vy = cases.grid_values.T
         gradient, inverse = np.abs(cases.gradient), np.abs(cases.inverse)
@@ -275,9 +276,10 @@ class Followed:
         self.derivative_error = of_rounding + (misfit[:, 1] + steepness * smooth) * d.sum(axis=1)
 
         size = cases.most[:, 3]
-        fits = np.maximum(20 * misfit[:, 0], misfit[:, 1]) <= 1e-3 * size
+        columns, rows = np.transpose(pixels)
+        fits = np.maximum(np.maximum(columns, rows) * misfit[:, 0], misfit[:, 1]) <= 1e-3 * size
         self.worth = np.where(fits[:, None], worth_of(remainder, size, cases.amplification * own + local), cases.half)
-        self.effort = 200 * self.remainder / size * (1 + np.sqrt(bulge / size))
+        self.effort = columns * rows * self.remainder / size * (1 + np.sqrt(bulge / size))
         own_deviation = deviations_of(cases, np.ones(COUNT))
         within = (own_deviation + remainder["map"] <= self.extent[:, None] - 1).all(axis=1)
         straight = (own_deviation.max(axis=1) <= 0.1) & (remainder["bends"].max(axis=1) <= 0.5) & within
@@ -358,3 +360,175 @@ def jets_of(series, places):
     first = np.stack([derivative(i) for i in range(3)], axis=2)
     second = np.stack([np.stack([derivative(i, j) for j in range(3)], axis=2) for i in range(3)], axis=2)
     return first, second
+
+
+DROPPED, SPLIT, CLEAR, TINY, FLAT = -1, 0, 1, 2, 3
+MATRIX = np.prod([chebyshev.chebvander(series(2)[0], 2)[POWERS[:, None, k], POWERS[:, k]] for k in range(3)], axis=0)
+
+
+class Decided(SubElements):
+    """Sub-elements in a picture of 59 x 50 pixels, and what is known of their quantity.
+
+    zoom  pixels per unit; each pair of neighbours differs by a part of 0.99 or 1.01
+    """
+
+    def __init__(self, rng, bent, zoom):
+        super().__init__(rng, np.reshape(bent, (-1, 1, 1)))
+        zoom = np.broadcast_to(zoom, COUNT)
+        self.series[..., :2] *= zoom[:, None, None]
+        self.series[:, 0, :3] *= [1.0, 1.0, 0.0]
+        self.inverse = np.linalg.inv(self.series[:, ORDER == 1, :3].swapaxes(1, 2))
+        self.part, self.side = np.where(np.arange(COUNT) % 2 == 0, 0.99, 1.01), rng.choice([-1, 1], COUNT)
+        self.middle, self.depth = rng.uniform(20, 30, (COUNT, 2)), np.full(COUNT, 40.0)
+        self.radius, self.before = np.full(COUNT, 1e9), np.full(COUNT, 1e300)
+        self.doubtful, self.last, self.whole, self.all_flat = np.zeros((4, COUNT))
+        self.settle()
+
+    def settle(self):
+        """What follows from the series: sums of terms, and pixels between the ends of intervals."""
+        self.most = np.abs(self.series).sum(axis=1) - np.abs(self.series[:, 0])
+        self.value = self.series[:, 0, 3]
+        self.amplification = LEBESGUE * outside_of(self, np.ones(COUNT))
+        near, far = self.depth - self.most[:, 2], self.depth + self.most[:, 2]
+        weights = np.where(self.perspective[:, None] > 0, np.stack([near, far], axis=1), 1.0)
+        miss = self.series[:, 0, :2]
+        ends = np.stack([miss - self.most[:, :2], miss + self.most[:, :2]])[:, :, None] / weights[..., None]
+        ends = self.middle[:, None] + ends
+        first = np.maximum(np.ceil(ends.min(axis=(0, 2)) - 1e-6), PICTURE[0])
+        last = np.minimum(np.floor(ends.max(axis=(0, 2)) + 1e-6), PICTURE[1])
+        assert (first <= last + 1).all()
+        self.aside = np.maximum(np.abs(first - self.middle), np.abs(last - self.middle))
+        self.pixels = last - first + 1
+        self.is_seen = (self.pixels > 0).all(axis=1)
+        spread = (np.abs(miss) + self.most[:, :2]) / weights[:, :1] + 1e-6
+        self.weight, self.extents = weights[:, 0], spread.max(axis=1)
+        self.size = np.maximum(self.extents, 0.1 * self.across * self.most[:, 2] / self.weight)
+        self.misfit = misfit_of(self.spread, np.ones(COUNT))
+        self.greatest = self.most[:, 3] + np.abs(self.value)
+        own = np.maximum(self.own, self.grid_values[:, 1])
+        self.room = self.amplification * own + self.grid_values[:, 0] + SUMMED * self.greatest
+
+    def rows(self):
+        alone = [self.own, self.value, self.across, self.misplaced, self.perspective]
+        known = [self.spread, self.radius, self.doubtful, self.last, self.whole, self.before]
+        nodes = np.einsum("pt,ntk->npk", MATRIX, self.series)
+        lists = [self.centre, self.half, np.stack(alone, axis=1), self.grid_values, self.grid_places]
+        placed = [self.middle, self.depth[:, None], self.all_flat[:, None], nodes.reshape(COUNT, -1)]
+        return np.concatenate([*lists, np.stack(known, axis=1), *placed], axis=1)
+
+    def outcome(self):
+        """Outcomes (n,), and the cost of following rays."""
+        with np.errstate(invalid="ignore"):
+            followed = Followed(self, self.pixels)
+        hopeless = ~(self.misfit[:, 1] <= 2e-3 * self.radius)
+        is_flat = ~hopeless & (self.greatest <= 4 * self.room)
+        bounded = (followed.follows > 0) & ~hopeless & (self.doubtful == 0)
+        effort = np.where(bounded, followed.effort, 1e300)
+        gains_little = (3 * effort > np.where(self.whole > 0, 1e300, self.before)) & (effort <= 4000)
+        is_still_flat = is_flat | (self.all_flat > 0)
+        coarse = is_still_flat | (self.doubtful > 0) | ~(self.misfit[:, 0] < 1e300)
+        is_small = (self.size < np.where(coarse, 0.5, 1e-3)) | (self.last > 0)
+        found = np.where(is_small, TINY, SPLIT)
+        found = np.where(bounded & ((effort <= 400) | gains_little), CLEAR, found)
+        found = np.where(bounded & is_still_flat, FLAT, found)
+        found = np.where(self.is_seen, found, DROPPED)
+        dropped = ~hopeless & (np.abs(self.value) > self.most[:, 3] + self.room + self.misfit[:, 0])
+        self.is_all_flat = ~dropped & (self.whole > 0) & is_flat
+        return np.where(dropped, DROPPED, found), effort
+
+
+def at_levels(cases):
+    """Values at the middle that exceed all terms, errors and misfits just so."""
+    room = cases.room + cases.misfit[:, 0]
+    cases.series[:, 0, 3] = cases.side * (cases.most[:, 3] + cases.part * room)
+
+
+def nearly_flat(cases):
+    """Values as large as four errors, in whole elements or parts of them."""
+    cases.whole[::3] = 1
+    cases.series[:, 0, 3] *= 0.01
+    cases.settle()
+    cases.own = (cases.greatest * cases.part / 4 - cases.grid_values[:, 0]) / cases.amplification
+
+
+def doubtful(cases):
+    cases.doubtful[::2] = 1
+
+
+def hopeless(cases):
+    cases.radius = (
+        np.where(np.arange(COUNT) % 4 < 2, 1 / cases.part, 1.0) * misfit_of(cases.spread, np.ones(COUNT))[:, 1] / 2e-3
+    )
+
+
+def last(cases):
+    cases.last[::2] = 1
+
+
+def costly(cases):
+    """Just more or less than a third of what the sub-element before cost."""
+    cases.series[:, ORDER > 1, 3] *= np.geomspace(1, 50, COUNT)[:, None]
+    cases.spread[:] = cases.perspective[:] = 0.0
+    cases.settle()
+    cases.before = 3 * cases.outcome()[1] * cases.part
+    cases.whole[::5] = 1
+
+
+def unbounded(cases):
+    cases.spread[:] = np.inf
+
+
+def small(cases, limit=1e-3):
+    """Just as small as parts that aren't divided any more, across rays or along them."""
+    cases.series[:, 0, :2], cases.middle = 0.0, np.round(cases.middle)
+    cases.settle()
+    is_across, limits = np.arange(COUNT) % 4 < 2, limit * cases.part
+    cases.across = np.where(is_across, 1e-9, 10 * limits * cases.weight / cases.most[:, 2])
+    zoom = np.where(is_across, (limits - 1e-6) / (cases.extents - 1e-6), 1e-6)
+    cases.series[..., :2] *= zoom[:, None, None]
+    cases.inverse = np.linalg.inv(cases.series[:, ORDER == 1, :3].swapaxes(1, 2))
+
+
+def small_and_doubtful(cases):
+    cases.doubtful[:] = 1
+    small(cases, 0.5)
+
+
+def flat_before(cases):
+    cases.all_flat[::2] = 1
+
+
+@pytest.fixture(scope="module")
+def decide(functions):
+    exports = "export static const bool analytic = true; export static const bool deciding = true;"
+    kernel = functions("iso_follow", exports)
+    given = {"axes": np.array(AXES), "box_sizes": np.array(BOXES), "tails": tails(2), "transform": series(2)[1]}
+    return lambda cases: kernel(cases.rows(), 3, **given)
+
+
+@pytest.mark.parametrize(
+    ("change", "bent", "zoom"),
+    [
+        (at_levels, 0.3, 1.0),
+        (nearly_flat, 0.1, 1.0),
+        (doubtful, 0.1, 1.0),
+        (hopeless, 0.1, 1.0),
+        (last, 2.0, 1.0),
+        (costly, 0.05, np.tile([2.0, 3.0, 6.0, 10.0], COUNT // 4)),
+        (unbounded, 0.1, 0.05),
+        (flat_before, 0.1, 1.0),
+        (small, 2.0, 1.0),
+        (small_and_doubtful, 0.1, 1.0),
+    ],
+)
+def test_outcomes_follow_from_bounds_and_costs(decide, change, bent, zoom):
+    cases = Decided(np.random.default_rng(22), np.broadcast_to(bent, COUNT), zoom)
+    change(cases)
+    cases.settle()
+    found = decide(cases)
+    outcome, effort = cases.outcome()
+    assert np.array_equal(found[:, 0], outcome)
+    is_known = outcome != DROPPED
+    assert found[is_known, 1] == pytest.approx(effort[is_known], rel=1e-6)
+    assert np.array_equal(found[:, 2], np.where(cases.is_all_flat, 1, cases.all_flat))
+    assert len(set(outcome)) > 1
