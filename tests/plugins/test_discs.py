@@ -1,5 +1,6 @@
 """Linear parts of discs, how close discs are, and signs of eigenvalues of matrices in discs."""
 
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -147,3 +148,29 @@ def test_numbers_without_all_digits_have_room(made):
     lost = made("plus", [[0.0, 0.0, 0.0]], [[0.0, 0.0, 0.0]], ([[1.0, 0.0, 0.0]], [[1e-17, 0.0, 0.0]]))[0]
     assert lost[4] == 1.0
     assert lost[7] >= 1e-17
+    # twenty times the smallest number, and a little more
+    lost = made("over", [[1e-307, 0.0, 0.0]], [[1e-100, 1e-115, 0.0]])[0]
+    assert lost[1] >= 1e-222
+    assert lost[7] >= 1e-222
+
+
+def test_roots_of_discs_that_touch_zero_are_not_smooth(made):
+    touching = made("sqrt", [[1.0, 1.0, 0.0]], [[0.0, 0.0, 0.0]])[0]
+    assert touching[3] == 0
+    assert touching[0] + touching[1] >= np.sqrt(2.0)
+    assert np.isfinite(touching[2])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_errors_of_operands_move_values_by_no_more_than_is_stated(made, name):
+    """Values at ends of discs, from operands at the ends of their errors; the bound of roots is twice as large."""
+    rng = np.random.default_rng(400 + NAMES.index(name))
+    first, second = (rng.uniform([1.0, 0.01, 0.05], [2.0, 0.1, 0.2], (COUNT, 3)) for _ in range(2))
+    error = made(name, first, second)[:, 2]
+    found = np.zeros(COUNT)
+    for signs in product([-1, 1], repeat=4):
+        a, b = first[:, 0] + signs[0] * first[:, 1], second[:, 0] + signs[1] * second[:, 1]
+        moved = FUNCTIONS[name](a + signs[2] * first[:, 2], b + signs[3] * second[:, 2])
+        found = np.maximum(found, np.abs(moved - FUNCTIONS[name](a, b)))
+    assert (found <= error * (1 + 1e-12)).all()
+    assert (found / error).max() > 0.45
