@@ -57,6 +57,7 @@ class Rays:
         self.coefficients[:4, :, ORDER > 1] *= 1e-6
         self.r = rng.uniform(-0.7, 0.7, (COUNT, 3))
         self.direction, self.time = rng.uniform(0.3, 1, (COUNT, 3)), rng.uniform(0.05, 0.4, COUNT)
+        self.direction[1::3] *= -1
         self.e, self.errors = rng.integers(9, size=COUNT), rng.uniform(1e-3, 1e-2, (COUNT, LEAVES))
         self.errors[1::2] *= 1e-8
         self.back, self.forward = rng.uniform(0.02, 0.2, (2, COUNT))
