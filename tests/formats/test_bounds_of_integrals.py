@@ -853,3 +853,14 @@ def test_boxes_on_levels_have_lost_surfaces_in_their_error():
     found = Summation._compared(own, boxes, [0], (2, 2), False)
     assert found.error == pytest.approx(refinement._SAFETY * 0.3 + 0.5)
     assert found.moved == moved
+
+
+def test_steepness_is_that_of_derivatives_whatever_degrees_and_sizes_are():
+    """Linear functions as nets with two, three and four coefficients in the three directions."""
+    rng = np.random.default_rng(6)
+    slopes, sizes = rng.uniform(0.5, 2, (2, COUNT, 3))
+    lines = np.meshgrid(*(np.linspace(0, 1, count) for count in (2, 3, 4)), indexing="ij")
+    nets = np.einsum("nk,k...->n...", slopes, np.stack(lines))
+    for own, slope in ((None, slopes), (sizes, slopes / sizes)):
+        found = graph_orders._steepness_by_axis(nets, own).swapaxes(0, 1)
+        assert found == pytest.approx(slope / slope.max(axis=1, keepdims=True), rel=1e-12)

@@ -19,9 +19,11 @@ from elvis.core.cores.parallel import ParallelVectors, rotations
 from elvis.core.dataset import Dataset
 from elvis.core.geometry import geometry
 from elvis.core.integrals.subcells import subcell_map
+from elvis.core.mapping import pointwise
 from elvis.core.mapping.enclosure import _Cells, _contracted, _root_bounds
 from elvis.core.mapping.margins import facets, heights
 from elvis.core.mapping.newton import heights_rounding
+from elvis.core.patch import patches
 from elvis.core.polynomials.bernstein import BernsteinSpace
 from elvis.core.polynomials.boxnets import on_lattice
 from elvis.core.polynomials.interpolation import modified
@@ -29,6 +31,7 @@ from elvis.core.polynomials.net_zeros import values_of
 from elvis.core.polynomials.rounding import halving_roundings, raising_roundings, value_roundings
 from elvis.core.quantities.element_points import ElementPoints
 from elvis.core.shapes import Shape
+from elvis.core.streamlines import first_steps
 from elvis.core.testing import approximated, curved, grid, ripple
 from elvis.core.validity import descent, determinants, enclosed_determinants, regularity, squares
 from elvis.core.validity.determinants import Polynomials
@@ -590,3 +593,41 @@ def test_errors_of_both_maps_count_between_them(monkeypatch):
     monkeypatch.setattr(regularity, "_pass", lambda controls, error: error)
     errors = np.array([1.0, 5.0]), np.array([3.0, 2.0])
     assert regularity.are_regular_between(SimpleNamespace(shape=Shape.TRIANGLE), *errors).tolist() == [3.0, 5.0]
+
+
+@pytest.mark.parametrize("bend", [0.0, 0.05])
+@pytest.mark.parametrize("shape", [Shape.TRIANGLE, Shape.QUADRILATERAL, Shape.TETRAHEDRON, Shape.PRISM])
+def test_motion_in_elements_is_no_faster_and_changes_no_more_than_is_bounded(shape, bend):
+    """f = J^-1 v at a lattice of each element; its differences per distance, in the maximum norm."""
+    d = shape.dimension
+
+    def warped(points):
+        return points + bend * points[:, [1, 0, 2]] ** 2 * (np.arange(3) < d)
+
+    bare = Dataset(curved(grid(shape, 1), warped, 3))
+    speeds = [lambda p, k=k: 2 + np.sin(k + p @ [1.0, 2.0, 0.5]) for k in range(d)]
+    data = Dataset(bare.mesh, tuple(approximated(bare, "uvw"[k], own, 3) for k, own in enumerate(speeds)))
+    (patch,) = patches(data, tuple("uvw"[:d]))
+    velocity = SimpleNamespace(patches=[patch], component_fields=lambda number: tuple(range(d)))
+    rng = np.random.default_rng(4)
+    rows = np.arange(len(patch))
+    middle = np.tile(shape.vertices.mean(axis=0), (len(rows), 1))
+    fastest, rate = first_steps._bounds(velocity, 0, rows, pointwise.jacobians(patch, rows, middle))
+
+    def motion(xi):
+        jacobians = pointwise.jacobians(patch, rows, xi)[:, :d]
+        values = np.stack([pointwise.values(patch, k, rows, xi) for k in range(d)], axis=1)
+        return np.linalg.solve(jacobians, values[..., None])[..., 0]
+
+    weights = rng.dirichlet(0.2 * np.ones(len(shape.vertices)), (200, len(rows)))
+    places = np.concatenate([np.tile(shape.vertices[:, None], (1, len(rows), 1)), weights @ shape.vertices])
+    near = places + 1e-4 * rng.choice([-1.0, 1.0], places.shape)
+    faster = np.max([np.abs(motion(own)).max(axis=1) for own in places], axis=0) / fastest
+    changes = [
+        np.abs(motion(a) - motion(b)).max(axis=1) / np.abs(a - b).max(axis=1) for a, b in zip(places, near, strict=True)
+    ]
+    changes = np.max(changes, axis=0) / rate
+    assert faster.max() <= 1 + 1e-12
+    assert changes.max() <= 1 + 1e-3
+    assert faster.max() > (0.8 if bend == 0 else 0.5)
+    assert changes.max() > (0.4 if bend == 0 else 0.1)

@@ -117,16 +117,15 @@ class _Pairs:
         return bound
 
     def _bent(self, rows: Ints, others: Ints, upper: Floats) -> float:
-        """The bound on pairs of elements without an affine map."""
+        """The bound on those pairs of elements without an affine map that may exceed the largest difference found."""
         is_open = upper > self._search.best.value
-        bound = float(upper[~is_open].max(initial=0.0))
         if not is_open.any():
-            return bound
+            return 0.0
         limit, points = bound_of_bent_pairs(
             self._outer, self._inner, rows[is_open], others[is_open], self._search.best.value
         )
         self._search.doubtful.append(points)
-        return max(bound, limit)
+        return limit
 
     def _bound_of(self, rows: Ints, others: Ints) -> float:
         """`bound` from nets of differences on boxes."""
