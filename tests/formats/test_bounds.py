@@ -580,3 +580,21 @@ def test_squares_of_imaginary_roots_are_off_in_proportion_to_their_operands(monk
     room = 0.01 * (np.abs(a) + np.abs(b) ** (2 / 3))
     assert low**2 == pytest.approx(4 - room, rel=1e-12)
     assert high**2 == pytest.approx(4 + room, rel=1e-12)
+
+
+def test_ends_of_curves_are_off_by_twice_the_tolerance_of_places(monkeypatch):
+    """Where an expression, here 3, stops having values, relative to the length of what has some."""
+
+    def at(t):
+        return t[:, None] * [1.0, 0.0, 0.0], np.tile([1.0, 0.0, 0.0], (len(t), 1))
+
+    def values(t):
+        return np.where(t < 0.3, 3.0, np.nan)[:, None]
+
+    piece = SimpleNamespace(curve=SimpleNamespace(at=at, parts=1), intervals=4, values=lambda *_: values)
+    found = []
+    for tolerance in (0.0, 0.1):
+        monkeypatch.setattr(along_curves, "TOLERANCE", tolerance)
+        found.append(along_curves.along_curve(piece, None, [None], 1e-3))
+    assert 0.29 < found[1].measure[0] < 0.31
+    assert found[1].error - found[0].error == pytest.approx(2 * 0.1 * 3.0 * found[1].measure, rel=1e-9)

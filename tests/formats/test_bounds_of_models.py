@@ -284,3 +284,13 @@ def test_determinants_at_factors_are_rounded(monkeypatch):
     # Horner's rule: two roundings for each power, and those of the change to Bernstein form
     least = 1.0 + 2 * 2.0 * 0.5 + 4 * 4.0 * 0.25
     assert COARSE * least <= piece.error_at(0.5)[0] <= 16 * COARSE * least
+
+
+@pytest.mark.parametrize(("part", "is_doubtful"), [(0.99, True), (1.01, False)])
+def test_elements_are_doubtful_if_their_determinant_may_be_within_its_error(part, is_doubtful):
+    """At one corner, while it is large everywhere else."""
+    nets = np.ones((1, 2, 2, 2))
+    nets[0, 0, 0, 0] = 0.1 * part
+    piece = SimpleNamespace(error_at=lambda factor: np.full(1, 0.1), boxes=lambda low, high: nets)
+    search = SimpleNamespace(_known=SimpleNamespace(scale=5.0), _typical=1.0, _note=lambda *_: None)
+    assert largest_scale._Search._doubtful(search, [(0, piece)], 0.0, 1.0) == is_doubtful

@@ -57,18 +57,18 @@ def tetrahedron_bends(values: Floats, errors: Floats, degree: int) -> Floats | N
     for place, radius in enumerate(RADII):
         for order in (1, 2):
             for k in range(degree + 1 - order):
-                found[:, :, place, order - 1] += (radius + _OUTSIDE) ** k / factorial(k) * sums[order + k]
+                found[:, :, place, order - 1] += (radius + _OUTSIDE) ** k / factorial(k) * sums[order + k - 1]
     return found * (1.0 + 1e-12)
 
 
 def _sums(space: BernsteinSpace, nets: Floats, slack: Floats) -> list[Floats]:
-    """For each order up to the degree, sums (n, leaves) of bounds of all derivatives of nets (n, leaves, count).
+    """For each order from 1 to the degree, sums (n, leaves) of bounds of all derivatives of nets (n, leaves, count).
 
     slack  (n, leaves) errors of the nets: a derivative's errors are at most the degree times these
     """
     degree = space.degrees[0]
     derivatives = {(0, 0, 0): (space, nets)}
-    sums = [np.abs(nets).max(axis=2) + slack]
+    sums: list[Floats] = []
     for order in range(1, degree + 1):
         slack = (degree + 1 - order) * slack
         following = dict[tuple[int, int, int], tuple[BernsteinSpace, Floats]]()
