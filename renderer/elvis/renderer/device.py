@@ -76,7 +76,8 @@ class Device:
         self.reach = reach_of(self.adapter, choice.device)
         self.cache = kernel_cache()
         self._announcement = Announcement(self.cache, self.adapter.software)
-        self.watch = Watch(choice.device.wait_for_idle, _keeping(choice.device, self.cache, self._announcement))
+        keep = _keeping(choice.device, self.cache, self._announcement)
+        self.watch = Watch(choice.device.is_submit_finished, choice.device.wait_for_idle, keep)
         self._folders = [*SHADERS, interface_folder()]
         self._session: slangpy.SlangSession | None = None
         self._kernels: dict[tuple[str, ...], Kernel] = {}
@@ -176,7 +177,6 @@ class Device:
         size = buffer.size if count is None else count * dtype.itemsize
         with WORKING:
             source = buffer if self._is_read_in_place(buffer, size) else self._copy(buffer, size)
-            self._device.wait_for_idle()
             content: NDArray[Any] = source.memory.to_numpy().reshape(-1).view(np.uint8)[:size].view(dtype)
         return content
 
@@ -185,11 +185,11 @@ class Device:
         return buffer.pool is self._readable and buffer.room <= 2 * size + FEW
 
     def _copy(self, buffer: Buffer, size: int) -> Buffer:
-        """A copy of a buffer's first bytes that the host can read when the device has done all that it was given."""
+        """A copy of a buffer's first bytes that the host can read."""
         copy = self._readable.take(1, max(size, 1))
         encoder = self._device.create_command_encoder()
         encoder.copy_buffer(copy.memory, 0, buffer.memory, 0, max(size, 1))
-        self._device.submit_command_buffer(encoder.finish())
+        self.watch.wait(self._device.submit_command_buffer(encoder.finish()))
         return copy
 
     def kernel(
@@ -345,8 +345,8 @@ class Kernel:
         fresh, start = not self._pace.compiled, perf_counter()
         with WORKING:
             for first, end in self._pace.batches(total, work):
-                self._dispatch(first, end, 1 if work is None else rows_of(work[first:end], self._shares))
-                self._watch.after_dispatch()
+                rows = 1 if work is None else rows_of(work[first:end], self._shares)
+                self._watch.after_dispatch(self._dispatch(first, end, rows))
         if fresh:
             self._watch.compiled(perf_counter() - start)
 
@@ -364,8 +364,8 @@ class Kernel:
             self._places[name].write(argument)
             self._written[name] = argument
 
-    def _dispatch(self, first: int, end: int, rows: int = 1) -> None:
-        """Run a range of groups, in a grid with at least this number of rows."""
+    def _dispatch(self, first: int, end: int, rows: int) -> int:
+        """Run a range of groups, in a grid with at least this number of rows; the number of the submission."""
         import slangpy
 
         assert self._device is not None
@@ -376,7 +376,7 @@ class Kernel:
         commands.bind_pipeline(self._pipeline, self._arguments)
         commands.dispatch_compute(slangpy.uint3(columns, rows, 1))
         commands.end()
-        self._device.submit_command_buffer(encoder.finish())
+        return int(self._device.submit_command_buffer(encoder.finish()))
 
 
 @cache

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from time import perf_counter
+from time import perf_counter, sleep
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,10 @@ GROWTH = 8.0
 UNEVEN = 1.1
 #: groups of a row: devices limit each direction of a grid
 GROUPS_IN_ROW = 32768
+#: seconds of a wait in which the device is asked without pauses, and the longest pause after that
+BUSY_SECONDS, MAX_PAUSE = 1e-4, 2e-3
+#: a pause, as a share of the time waited so far
+PAUSE_SHARE = 1 / 16
 #: neighbouring groups that stay together at most, and how often each row has its turn at least
 NEIGHBOURS, TURNS = 32, 16
 
@@ -87,22 +91,37 @@ def grid_of(count: int, rows: int) -> tuple[int, int, int]:
 class Watch:
     """Work between dispatches: waiting for the device, and a check of the time.
 
-    compiled  to be called when a kernel has run for the first time, with the seconds that it took
+    is_finished  whether a submission is finished
+    retire       to be called when a submission is finished
+    compiled     to be called when a kernel has run for the first time, with the seconds that it took
     """
 
-    def __init__(self, wait: Callable[[], object], compiled: Callable[[float], object]) -> None:
-        self._wait, self.compiled = wait, compiled
+    def __init__(
+        self,
+        is_finished: Callable[[int], bool],
+        retire: Callable[[], object],
+        compiled: Callable[[float], object],
+    ) -> None:
+        self._is_finished, self._retire, self.compiled = is_finished, retire, compiled
 
     @staticmethod
     def none() -> Watch:
         """The watch of a closed device."""
-        return Watch(_nothing, lambda seconds: None)
+        return Watch(lambda submission: True, lambda: None, lambda seconds: None)
 
-    def after_dispatch(self) -> None:
-        """Wait until the device has done all that it was given; SceneError where a time limit has passed."""
-        self._wait()
+    def wait(self, submission: int) -> None:
+        """Wait until the device has finished a submission.
+
+        It is asked again and again: slangpy's own wait holds the interpreter, for seconds where the driver compiles a
+        kernel, and no other thread could run, nor Ctrl-C be noticed.
+        """
+        start = perf_counter()
+        while not self._is_finished(submission):
+            waited = perf_counter() - start
+            sleep(0.0 if waited < BUSY_SECONDS else min(PAUSE_SHARE * waited, MAX_PAUSE))
+        self._retire()
+
+    def after_dispatch(self, submission: int) -> None:
+        """Wait until the device has finished a submission; SceneError where a time limit has passed."""
+        self.wait(submission)
         check_time()
-
-
-def _nothing() -> None:
-    """Nothing to wait for."""
