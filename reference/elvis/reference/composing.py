@@ -112,8 +112,7 @@ def painted(surface: SurfaceHits, scene: Scene, view: View, ends: tuple[float, f
 
 def _light(hits: Hits, scene: Scene, view: View, ambient: float) -> Floats:
     """(n,) factors of light on the visible side: the ambient part, plus Lambert's cosine for each light; at most 1."""
-    rows, columns = np.divmod(np.arange(view.count), view.width)
-    rays = view.rays(columns.astype(np.float64), rows.astype(np.float64))[1]
+    rays = view.every_ray()[1]
     factor = np.full(view.count, ambient)
     for light in scene.lights:
         directions = -rays if light.direction is None else np.broadcast_to(np.asarray(light.direction), rays.shape)

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.picturing import Kind
 from elvis.reference.baseline.linear_drawing import Baseline, affordable
 from elvis.reference.quantities import Quantities, names_of
-from elvis.reference.record import Record
 from elvis.reference.study import complete, memory_limit
-from elvis.scene.frame import Frame
+from elvis.scene.frame import Frame, whole
 
 
 class LinearPictures:
@@ -24,8 +26,8 @@ class LinearPictures:
         self._dataset = dataset
         self._mesh: tuple[object, Baseline] | None = None
 
-    def draw(self, frame: Frame, level: int, limit: int | None = None) -> tuple[Record, int]:
-        """The linear picture of an exact frame's scene, camera and colour range, and its number of simplices.
+    def draw(self, frame: Frame, level: int, limit: int | None = None) -> tuple[NDArray[np.uint8], int]:
+        """The linear picture (h, w, 3) of an exact frame's scene, camera and colour range, and its number of simplices.
 
         level  cuts of each element
         limit  maximum bytes of the mesh during construction and drawing; by default half of the free memory
@@ -35,7 +37,9 @@ class LinearPictures:
         """
         scene = complete(frame)
         made = self._made(names_of(scene), level, scene.time, memory_limit() if limit is None else limit)
-        return made.draw(scene, frame.view, frame.range), made.counts["simplices"]
+        strips = made.strips(scene, frame.view, frame.range)
+        image = np.concatenate([whole(strip.color.clip(0.0, 1.0)) for strip in strips])
+        return image, made.counts["simplices"]
 
     def _made(self, names: tuple[str, ...], level: int, time: float | None, limit: int) -> Baseline:
         """The mesh with some quantities at its corners."""

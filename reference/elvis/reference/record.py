@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
@@ -74,6 +75,18 @@ class Record:
                 )
         whole = {name: np.int64 if name in ("element", "status") else np.float64 for name in found}
         return Record(**{name: values.astype(whole[name]) for name, values in found.items()})
+
+    @staticmethod
+    def of_strips(strips: Iterable[Record]) -> Record:
+        """The record of a picture from those of its rows, from the top."""
+        parts = list(strips)
+        names = [own.name for own in fields(Record) if getattr(parts[0], own.name) is not None]
+        return Record(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+
+    def rows(self, first: int, last: int) -> Record:
+        """The rows from one to before another."""
+        names = [own.name for own in fields(self) if getattr(self, own.name) is not None]
+        return Record(**{name: getattr(self, name)[first:last] for name in names})
 
     @property
     def shape(self) -> tuple[int, int]:

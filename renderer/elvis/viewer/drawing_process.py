@@ -448,16 +448,13 @@ class _Drawing:
         content  ``level``: refinement of each element
         """
         from elvis.core.errors import ElvisError
-        from elvis.scene.frame import whole
         from elvis.scene.time_limit import stopped_when
 
         if self._whole is None:
             raise ElvisError("no picture has been drawn yet")
         with stopped_when(lambda: self._newest.value > number):
-            record, simplices = self._linear_pictures.draw(
-                self._whole[0], min(max(int(content["level"]), 0), MOST_CUTS)
-            )
-        return {"file": b64encode(png(whole(record.color.clip(0.0, 1.0)))).decode(), "simplices": simplices}
+            image, simplices = self._linear_pictures.draw(self._whole[0], min(max(int(content["level"]), 0), MOST_CUTS))
+        return {"file": b64encode(png(image)).decode(), "simplices": simplices}
 
     def _other(self, number: int, content: Table) -> Table | None:
         """The last picture drawn from another dataset, see `OtherPictures`; None before there is one.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from time import perf_counter
 
@@ -42,6 +42,10 @@ from elvis.scene.view import View
 
 #: surfaces of one object that a ray is followed through
 _DEEPEST = 16
+#: hits that are stored at the same time, about: 0.4 GB with what is computed from them
+_HITS_AT_ONCE = 1 << 19
+#: rows around a strip: lines are found by differences between neighbouring rows
+_MARGIN = 1
 
 
 @dataclass(eq=False)
@@ -130,18 +134,46 @@ class Baseline:
 
     def draw(self, scene: Scene, view: View, ends: tuple[float, float]) -> Record:
         """The picture of a scene with the camera and size of ``view``; ``ends`` is the colour range."""
-        start, surfaces = perf_counter(), []
+        return Record.of_strips(self.strips(scene, view, ends))
+
+    def strips(self, scene: Scene, view: View, ends: tuple[float, float]) -> Iterator[Record]:
+        """The records of some rows of a picture each, from the top: memory does not grow with the picture."""
+        start = perf_counter()
+        tracers = list[tuple[SceneObject, Tracer | Probe]]()
         for shown in scene.every_object:
             check_time()
             if not isinstance(shown, VolumeRendering):
-                tracer = self._tracer(shown, scene.field)
-                self.seconds["cut"] = self.seconds.get("cut", 0.0) + perf_counter() - start
-                surfaces += surfaces_of(tracer, shown, scene, view, ends)
+                tracers.append((shown, self._tracer(shown, scene.field)))
+        self.seconds["cut"] = perf_counter() - start
+
+        rows = max(_MARGIN, _HITS_AT_ONCE // (view.width * self._hits_of_a_pixel(scene)))
+        for first in range(0, view.height, rows):
+            last = min(first + rows, view.height)
+            strip = self._strip(scene, tracers, view.rows(first - _MARGIN, last + _MARGIN), ends)
+            above = min(_MARGIN, first)
+            yield strip.rows(above, above + last - first)
+        self.seconds["draw"] = perf_counter() - start - self.seconds["cut"]
+
+    def _hits_of_a_pixel(self, scene: Scene) -> int:
+        """Hits of a ray that are stored at the same time, about."""
+        across = round(3 * sum(map(len, self.parts)) ** (1 / 3))
+        counts = [
+            across if isinstance(shown, VolumeRendering) else _surfaces_of_a_ray(shown.style)
+            for shown in scene.every_object
+        ]
+        return max(1, sum(counts))
+
+    def _strip(
+        self, scene: Scene, tracers: Sequence[tuple[SceneObject, Tracer | Probe]], view: View, ends: tuple[float, float]
+    ) -> Record:
+        """The record of a window of the picture."""
+        surfaces = list[SurfaceHits]()
+        for shown, tracer in tracers:
+            check_time()
+            surfaces += surfaces_of(tracer, shown, scene, view, ends)
         depths = [own.hits.depth for own in surfaces]
         picture = record(surfaces, scene, view, ends, self._volume_fragments(scene, view, depths, ends))
-        picture = replace(picture, element=self.quantities.data_ids(picture.element))
-        self.seconds["draw"] = perf_counter() - start - self.seconds.get("cut", 0.0)
-        return picture
+        return replace(picture, element=self.quantities.data_ids(picture.element))
 
     def _tracer(self, shown: SceneObject, field: str) -> Tracer | Probe:
         """An object, ready for rays."""
@@ -171,6 +203,11 @@ def affordable(patches: Sequence[Patch], level: int, quantities: int, limit: int
     return bytes <= limit, bytes
 
 
+def _surfaces_of_a_ray(style: Style) -> int:
+    """Surfaces of one object that a ray is followed through, at most."""
+    return 1 if style.opacity == 1.0 else _DEEPEST
+
+
 def _levels(surface: Surface, points: Floats) -> Floats:
     """The surface's function at the corners; values next to rounding are zero."""
     found = levels(surface, points)
@@ -183,7 +220,7 @@ def surfaces_of(
     """The surfaces of an object along rays: the first one, and surfaces behind it if it is transparent."""
     style: Style = shown.style  # type: ignore[union-attr]
     beyond, surfaces = None, []
-    for _ in range(1 if style.opacity == 1.0 else _DEEPEST):
+    for _ in range(_surfaces_of_a_ray(style)):
         hits = _nearest_kept(tracer, view, beyond, scene)
         if not hits.seen.any():
             break

@@ -97,8 +97,7 @@ def _segments(mesh: LinearMesh, names: Sequence[str], view: View) -> Iterator[Se
     values = np.stack([mesh.values[name][mesh.simplices] for name in names], axis=2)
     gradients = barycentric_gradients(corners)
     for cell, pixel in boxed(view, corners):
-        row, column = np.divmod(pixel, view.width)
-        origins, directions = view.rays(column.astype(np.float64), row.astype(np.float64))
+        origins, directions = view.rays_of(pixel)
         base = 1.0 * (np.arange(4) == 0) + np.einsum("nki,ni->nk", gradients[cell], origins - corners[cell, 0])
         rate = np.einsum("nki,ni->nk", gradients[cell], directions)
 

@@ -30,8 +30,7 @@ class Tracer:
 
     def first(self, view: View, beyond: Floats | None = None) -> Hits:
         """The nearest hit of each pixel's ray, of those deeper than ``beyond`` (n,)."""
-        rows, columns = np.divmod(np.arange(view.count), view.width)
-        origins, directions = view.rays(columns.astype(np.float64), rows.astype(np.float64))
+        origins, directions = view.every_ray()
         near = np.zeros(view.count) if beyond is None else np.where(np.isfinite(beyond), beyond, np.inf)
         hits = Hits.none(view.count, tuple(self.mesh.values))
         asked = np.flatnonzero(np.isfinite(near))

@@ -71,7 +71,7 @@ class Crossings:
         Coordinates that are rounded by some units in the last place make depths uncertain by that over the cosine
         between ray and normal.
         """
-        directions = view.rays(self.pixel % view.width, self.pixel // view.width)[1]
+        directions = view.rays_of(self.pixel)[1]
         lengths = np.linalg.norm(directions, axis=1) * np.linalg.norm(self.normal, axis=1)
         with np.errstate(invalid="ignore", divide="ignore"):
             cosine = np.abs(np.einsum("ni,ni->n", directions, self.normal)) / lengths
@@ -139,8 +139,7 @@ class Crossings:
     def hits(self, view: View, quantities: Quantities, names: Sequence[str]) -> Hits:
         """These hits, one at most for each pixel, with the values of some quantities."""
         found, here = Hits.none(view.count, tuple(names)), self.pixel
-        rows, columns = np.divmod(here, view.width)
-        origins, directions = view.rays(columns.astype(np.float64), rows.astype(np.float64))
+        origins, directions = view.rays_of(here)
         found.element[here], found.depth[here] = self.ids(quantities.patches), self.depth
         found.reference[here], found.status[here] = self.reference, self.status
         found.uncertainty[here] = self.uncertainty

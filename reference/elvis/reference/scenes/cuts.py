@@ -25,8 +25,7 @@ _MOST = 64
 def cut_crossings(locator: Locator, surface: Surface, view: View) -> Crossings:
     """All hits of rays with the part of a surface that lies in the elements."""
     pixel, depth, normal = surface_hits(surface, view)
-    row, column = np.divmod(pixel, view.width)
-    origins, directions = view.rays(column.astype(np.float64), row.astype(np.float64))
+    origins, directions = view.rays_of(pixel)
     points = origins + depth[:, None] * directions
     possible = _within(locator, points)
     pixel, depth, normal, points = pixel[possible], depth[possible], normal[possible], points[possible]
@@ -63,8 +62,7 @@ def surface_hits(surface: Surface, view: View) -> tuple[Ints, Floats, Floats]:
     """
     if isinstance(surface, TriangleMesh):
         return _triangle_hits(surface, view)
-    pixel = np.arange(view.count)
-    origins, directions = view.rays((pixel % view.width).astype(np.float64), (pixel // view.width).astype(np.float64))
+    origins, directions = view.every_ray()
     depths = ray_depths(surface, origins, directions)
     pixel, which = np.nonzero(np.isfinite(depths) & (depths > 0))
     depth = depths[pixel, which]

@@ -189,8 +189,7 @@ class Scenery:
 
     def _places(self, found: Crossings, view: View) -> Floats:
         """(k, 3) world points of hits."""
-        row, column = np.divmod(found.pixel, view.width)
-        origins, directions = view.rays(column.astype(np.float64), row.astype(np.float64))
+        origins, directions = view.rays_of(found.pixel)
         return np.asarray(origins + found.depth[:, None] * directions)
 
     def frame(self, scene: Scene, view: View) -> Frame:

@@ -133,8 +133,7 @@ def _decide(
 ) -> list[Crossings]:
     """The hits among candidate pairs of a triangle and a pixel: from the middle of each, and where rays may meet the
     face more than once, also from its corners."""
-    row, column = np.divmod(pixel, view.width)
-    origins, directions = view.rays(column.astype(np.float64), row.astype(np.float64))
+    origins, directions = view.rays_of(pixel)
     found = []
     for start, which in _starts(triangles, origins, directions):
         own = triangles.rows[which]

@@ -88,7 +88,7 @@ class _Search:
 
     def _finish(self, found: Zeros, segments: Segments, start: Floats, depth: Floats) -> Crossings:
         """The zeros as hits: certain ones improved by Newton's method, double ones unchanged."""
-        origins, directions = self.view.rays(*np.divmod(segments.pixel, self.view.width)[::-1])
+        origins, directions = self.view.rays_of(segments.pixel)
         constraint = level_of(self.quantities, self.name, self.patch, self.value)
         roots = solve(self.patch, segments.row, start, origins, directions, constraint, self.size, 0.5, _STEPS)
         near = np.where(found.rough, np.inf, _NEAR * (segments.far - segments.near) + _NEARER * self.size)

@@ -44,7 +44,8 @@ def pixels_near(view: View, corners: Floats, slack: Floats) -> Iterator[tuple[In
     least, most = homogeneous[..., 2].min(axis=1) - reach, homogeneous[..., 2].max(axis=1) + reach
 
     # distance on the screen for the slack, if all of the triangle is before the eye
-    steepest = np.linalg.norm(np.abs(linear[:2]) + np.array([[view.width], [view.height]]) * np.abs(linear[2]))
+    size = np.array([[view.whole.width], [view.whole.height]])
+    steepest = np.linalg.norm(np.abs(linear[:2]) + size * np.abs(linear[2]))
     before = least > 1e-12 * np.abs(homogeneous).max(initial=1.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         around = np.where(before, slack * steepest / least, np.inf) + _WIDER
@@ -54,8 +55,7 @@ def pixels_near(view: View, corners: Floats, slack: Floats) -> Iterator[tuple[In
     here = np.flatnonzero(most > 0)
     for number, pixel in pixels_between(view, low[here], high[here]):
         triangle = here[number]
-        row, column = np.divmod(pixel, view.width)
-        place = np.column_stack([column, row])
+        place = np.column_stack(view.places(pixel))
         along = homogeneous[triangle, :, :2] - place[:, None] * homogeneous[triangle, :, 2:]
         gradients = linear[:2] - place[..., None] * linear[2]
         radius = slack[triangle] * np.sqrt((gradients**2).sum(axis=(1, 2))) + _WIDER * np.maximum(most[triangle], 0.0)
@@ -82,9 +82,8 @@ def boxed(view: View, corners: Floats, slack: Floats | float = 0.0) -> Iterator[
 def pixels_between(view: View, low: Floats, high: Floats) -> Iterator[tuple[Ints, Ints]]:
     """Pairs of a rectangle (k,) and a pixel (k,) in it: those between columns and rows (m, 2), whole or not."""
     # whole pixels of the picture from first to last; none if first is beyond last
-    most = np.array([view.width, view.height]) - 1
-    first = np.clip(np.ceil(np.nan_to_num(low)), 0, most + 1).astype(np.int64)
-    last = np.clip(np.floor(np.nan_to_num(high, nan=-1)), -1, most).astype(np.int64)
+    first = np.clip(np.ceil(np.nan_to_num(low)), view.first, view.last + 1).astype(np.int64)
+    last = np.clip(np.floor(np.nan_to_num(high, nan=-1)), view.first - 1, view.last).astype(np.int64)
     sides = last - first + 1
     counts = np.maximum(sides, 0).prod(axis=1)
 
@@ -97,9 +96,7 @@ def pixels_between(view: View, low: Floats, high: Floats) -> Iterator[tuple[Ints
         pair = np.arange(start, min(start + _AT_ONCE, total))
         own = np.searchsorted(ends, pair, side="right")
         down, across = np.divmod(pair - starts[own], sides[own, 0])
-        column = first[own, 0] + across
-        row = first[own, 1] + down
-        yield own, row * view.width + column
+        yield own, view.numbers(first[own, 0] + across, first[own, 1] + down)
 
 
 def among(table: Ints, numbers: Ints) -> Bools:

@@ -171,7 +171,7 @@ def _met(strip: _Strip, place: tuple[int, int], view: View, half: float) -> Cros
     found = []
     for start in range(0, len(pixels), _AT_ONCE):
         pixel = pixels[start : start + _AT_ONCE]
-        origins, directions = view.rays(pixel % view.width, pixel // view.width)
+        origins, directions = view.rays_of(pixel)
         # g is the volume between the ray, the way to the line, and n
         crossed = np.cross(across[None], directions[:, None])
         sign = np.einsum("nmi,nmi->nm", middle[None] - origins[:, None], crossed) < 0

@@ -162,8 +162,7 @@ def places(segments: Segments, patch: Patch, view: View, shares: Floats) -> tupl
 
 def points_of(view: View, pixel: Ints, depth: Floats) -> Floats:
     """(k, 3) world points of rays at some depths."""
-    row, column = np.divmod(pixel, view.width)
-    origins, directions = view.rays(column.astype(np.float64), row.astype(np.float64))
+    origins, directions = view.rays_of(pixel)
     return np.asarray(origins + depth[:, None] * directions)
 
 
@@ -189,6 +188,5 @@ def followed(patch: Patch, rows: Ints, start: Floats, points: Floats, enough: fl
 
 def lengths(segments: Segments, view: View) -> Floats:
     """(k,) lengths of segments in world units."""
-    row, column = np.divmod(segments.pixel, view.width)
-    directions = view.rays(column.astype(np.float64), row.astype(np.float64))[1]
+    directions = view.rays_of(segments.pixel)[1]
     return np.asarray(np.linalg.norm(directions, axis=1) * (segments.far - segments.near))

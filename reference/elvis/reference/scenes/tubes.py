@@ -235,7 +235,7 @@ class _Rays:
     @staticmethod
     def of(view: View, pixel: Ints, radius: float, growth: float) -> _Rays:
         """The rays of pixels (n,); radii grow with depth."""
-        origins, directions = view.rays(pixel % view.width, pixel // view.width)
+        origins, directions = view.rays_of(pixel)
         forward = growth * view.camera.basis()[2]
         still = radius + (origins - np.asarray(view.camera.eye)) @ forward
         return _Rays(origins, directions, np.linalg.norm(directions, axis=1), still, forward)
