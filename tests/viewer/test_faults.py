@@ -193,26 +193,32 @@ def test_a_failed_picture_does_not_end_the_session(monkeypatch):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C of a terminal is another thing there")
-def test_the_end_is_quiet(wave):
-    """Ctrl-C, which all processes of a terminal get, as soon as the address is there; nothing is left behind."""
-    command = [sys.executable, "-m", "elvis", "view", *wave, "--no-browser"]
+@pytest.mark.parametrize("kind", [signal.SIGINT, signal.SIGTERM])
+def test_the_end_is_quiet(wave, kind, tmp_path):
+    """Ctrl-C, which all processes of a terminal get, or SIGTERM, as soon as the address is there; no file is left."""
+    command = [sys.executable, "-m", "elvis", "view", *wave]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True, "start_new_session": True}
+    env = {**os.environ, "XDG_CACHE_HOME": str(tmp_path), "BROWSER": "true"}
+    pages = tmp_path / "elvis" / "view"
 
     def heed_interrupts():
         """Tests that run in a shell's background inherit that Ctrl-C is ignored."""
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
-    with subprocess.Popen(command, **pipes, preexec_fn=heed_interrupts) as process:
+    with subprocess.Popen(command, **pipes, env=env, preexec_fn=heed_interrupts) as process:
         told = ""
         while "to stop" not in told:
             line = process.stdout.readline()
             assert line, told
             told += line
-        os.killpg(process.pid, signal.SIGINT)
+        while not (pages.is_dir() and any(pages.iterdir())):
+            time.sleep(0.02)
+        (os.killpg if kind == signal.SIGINT else os.kill)(process.pid, kind)
         # the pipe ends with the last process that holds it
         told += process.communicate(timeout=PATIENCE)[0]
     assert process.returncode == 0
     assert re.fullmatch(r"http://localhost:\d+/\?token=\S+\nPress Ctrl-C to stop\n", told)
+    assert not list(pages.iterdir())
 
 
 def test_a_page_closed_during_sending_is_not_a_fault(viewer, caplog):

@@ -1,13 +1,17 @@
 """A second dataset next to the first: its files, the difference, and the same view of it."""
 
+import asyncio
 import base64
+import errno
 import io
+import os
+import tempfile
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from driving import picture, settled
+from driving import finished, picture, settled
 from PIL import Image
 from test_page import as_rendered
 
@@ -17,7 +21,7 @@ from elvis.core.testing import approximated, grid
 from elvis.plugins.data import Reading
 from elvis.viewer import second_data
 from elvis.viewer.drawing_process import Source
-from elvis.viewer.second_data import MAX_FILES, SecondData, plain_name, sources_with
+from elvis.viewer.second_data import MAX_FILES, SentFiles, plain_name, received, sources_with
 
 PIXELS = "elvis.beside.canvas.toDataURL().split(',')[1]"
 
@@ -39,8 +43,7 @@ def test_names_of_sent_files_are_plain():
 
 def test_sent_files_are_limited_and_private(monkeypatch):
     monkeypatch.setattr(second_data, "MAX_BYTES", 10)
-    data = SecondData()
-    data.begin()
+    data = SentFiles()
     for number in range(MAX_FILES):
         data.open(f"{number}.fld")
     with pytest.raises(ElvisError, match="expected at most 100 files"):
@@ -50,8 +53,45 @@ def test_sent_files_are_limited_and_private(monkeypatch):
         data.append(b"a")
     folder = data.files[0].parent
     assert folder.stat().st_mode & 0o077 == 0
-    data.close()
+    data.remove()
     assert not folder.exists()
+
+
+class _Part:
+    """A file of a multipart request, in chunks."""
+
+    def __init__(self, name, *chunks):
+        self.filename, self._chunks = name, [*chunks, b""]
+
+    async def read_chunk(self, size):
+        await asyncio.sleep(0)
+        return self._chunks.pop(0)
+
+
+async def _parts(*parts):
+    for part in parts:
+        yield part
+
+
+def test_files_that_two_pages_send_at_the_same_time_stay_apart():
+    async def main():
+        sending = [received(_parts(_Part("a.vtu", *[own] * 50), _Part("b.vtu", own))) for own in (b"1", b"2")]
+        return await asyncio.gather(*sending)
+
+    for sent, own in zip(finished(main()), (b"1", b"2"), strict=True):
+        assert [path.read_bytes() for path in sent.files] == [own * 50, own]
+        sent.remove()
+
+
+def test_a_full_disk_leaves_no_files(monkeypatch, tmp_path):
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(Path, "touch", full)
+    with pytest.raises(ElvisError, match=r"^the files can't be stored: No space left on device$"):
+        finished(received(_parts(_Part("a.vtu", b"1"))))
+    assert not list(tmp_path.iterdir())
 
 
 def test_fields_without_a_mesh_use_the_first_one():

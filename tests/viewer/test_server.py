@@ -74,6 +74,15 @@ def test_connections_without_a_request_end(viewer, monkeypatch):
     assert fetch(viewer.address)[0] == 200
 
 
+def test_connections_of_rejected_requests_end(viewer):
+    """Else another user of the machine could hold all connections open that a process may have."""
+    parts = urlsplit(viewer.root)
+    with socket.create_connection((parts.hostname, parts.port), timeout=PATIENCE) as own:
+        own.sendall(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\nGET /")
+        answer = b"".join(iter(lambda: own.recv(1000), b""))
+    assert answer.startswith(b"HTTP/1.1 403 ")
+
+
 def test_malformed_requests_do_not_print_the_token(viewer, capfd, caplog):
     parts = urlsplit(viewer.address)
     with socket.create_connection((parts.hostname, parts.port), timeout=PATIENCE) as own:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,36 +24,25 @@ MAX_FILES = 100
 _CHUNK = 1 << 20
 
 
-class SecondData:
-    """Files of a second dataset in private folders, which last until others are accepted or the session ends."""
+class SentFiles:
+    """Files of a second dataset in a private folder, which lasts until it is removed; ElvisError without room.
+
+    As a context it removes them if the block fails.
+    """
 
     def __init__(self) -> None:
-        self._folders: list[tempfile.TemporaryDirectory[str]] = []
+        with _storing():
+            self._folder = tempfile.TemporaryDirectory(prefix="elvis-compare-")
         self._files: list[Path] = []
         self._left = MAX_BYTES
-
-    async def receive(self, parts: Any) -> list[Path]:
-        """The files of a multipart request, next to those before; ElvisError if they are too many or too large."""
-        self.begin()
-        async for part in parts:
-            self.open(part.filename)
-            while content := await part.read_chunk(_CHUNK):
-                self.append(content)
-        return self.files
-
-    def begin(self) -> None:
-        """Make a folder for files, next to those before."""
-        self._folders.append(tempfile.TemporaryDirectory(prefix="elvis-compare-"))
-        self._files, self._left = [], MAX_BYTES
 
     def open(self, name: str | None) -> None:
         """Make an empty file; ElvisError if there are too many."""
         if name is None or len(self._files) == MAX_FILES:
             raise ElvisError(f"expected at most {MAX_FILES} files")
-        if not self._folders:
-            self.begin()
-        path = Path(self._folders[-1].name, plain_name(name))
-        path.touch(exist_ok=False)
+        path = Path(self._folder.name, plain_name(name))
+        with _storing():
+            path.touch(exist_ok=False)
         self._files.append(path)
 
     def append(self, content: bytes) -> None:
@@ -60,29 +50,45 @@ class SecondData:
         self._left -= len(content)
         if self._left < 0:
             raise ElvisError(f"the files are larger than {MAX_BYTES >> 30} GiB; use --other {NAME}=FILE,…")
-        with self.files[-1].open("ab") as file:
+        with _storing(), self.files[-1].open("ab") as file:
             file.write(content)
 
     @property
     def files(self) -> list[Path]:
-        """The last files; ElvisError if there are none."""
+        """The files so far; ElvisError if there are none."""
         if not self._files:
             raise ElvisError("expected the files of a dataset, found none")
         return self._files
 
-    def accept(self) -> None:
-        """Remove the files before the last ones."""
-        while len(self._folders) > 1:
-            self._folders.pop(0).cleanup()
+    def remove(self) -> None:
+        """Remove the files."""
+        self._folder.cleanup()
 
-    def reject(self) -> None:
-        """Remove the last files."""
-        self._folders.pop().cleanup()
+    def __enter__(self) -> SentFiles:
+        return self
 
-    def close(self) -> None:
-        """Remove all files."""
-        while self._folders:
-            self.reject()
+    def __exit__(self, kind: object, *_: object) -> None:
+        if kind is not None:
+            self.remove()
+
+
+@contextmanager
+def _storing() -> Iterator[None]:
+    """Converts errors of the disk into an ElvisError."""
+    try:
+        yield
+    except OSError as error:
+        raise ElvisError(f"the files can't be stored: {error.strerror or error}") from error
+
+
+async def received(parts: Any) -> SentFiles:
+    """The files of a multipart request; ElvisError if they are too many or too large, and none remain."""
+    with SentFiles() as sent:
+        async for part in parts:
+            sent.open(part.filename)
+            while content := await part.read_chunk(_CHUNK):
+                sent.append(content)
+    return sent
 
 
 def plain_name(name: str) -> str:

@@ -23,6 +23,7 @@ from elvis.core.needing import require_module
 from elvis.scene.errors import SceneError
 from elvis.viewer.access import LOGGER, Connections, refusal
 from elvis.viewer.messages import id_of, table_of_text
+from elvis.viewer.second_data import received
 from elvis.viewer.session import Session
 from elvis.viewer.viewers import Viewer
 
@@ -107,7 +108,10 @@ class Server:
         async def guard(request: web.Request, handler: Callable[[web.Request], Awaitable[Any]]) -> Any:
             reason = refusal(request, self.token, self._hosts)
             if reason is not None:
-                return web.Response(status=403, text=f"{reason}\n")
+                rejection = web.Response(status=403, text=f"{reason}\n")
+                # strangers can't hold connections open
+                rejection.force_close()
+                return rejection
             answer = await handler(request)
             if not isinstance(answer, web.WebSocketResponse):
                 answer.headers.update(HEADERS)
@@ -175,7 +179,7 @@ class Server:
         try:
             if not request.content_type.startswith("multipart/"):
                 raise ElvisError("expected the files of a dataset as multipart/form-data")
-            await self.session.compare(await self.session.second.receive(await request.multipart()))
+            await self.session.compare(await received(await request.multipart()))
         except (ElvisError, ValueError, OSError) as error:
             return web.Response(status=400, text=f"{error}\n")
         return web.Response(text="read\n")
@@ -239,11 +243,13 @@ def _heed(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
 
 
 def run_until_interrupted(work: Callable[[], Awaitable[object]]) -> None:
-    """Run a coroutine in a loop; the first Ctrl-C cancels it, wherever it arrives.
+    """Run a coroutine in a loop; the first Ctrl-C or SIGTERM cancels it, wherever it arrives.
 
     An exception would be raised, and printed, in any of the tasks, or leave the loop with a task that never began.
     """
-    before = signal.getsignal(signal.SIGINT)
+    before = dict[int, Any]()
+    if threading.current_thread() is threading.main_thread():
+        before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     tasks: list[tuple[asyncio.AbstractEventLoop, asyncio.Task[Any] | None]] = []
     interrupts = [0]
 
@@ -261,15 +267,15 @@ def run_until_interrupted(work: Callable[[], Awaitable[object]]) -> None:
         if not interrupts[0]:
             await work()
 
-    is_main = threading.current_thread() is threading.main_thread()
-    if is_main and before is not signal.SIG_IGN:
-        signal.signal(signal.SIGINT, cancel)
+    for number, handler in before.items():
+        if handler is not signal.SIG_IGN:
+            signal.signal(number, cancel)
     try:
         with suppress(asyncio.CancelledError):
             asyncio.run(run())
     finally:
-        if is_main:
-            signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 async def serve(

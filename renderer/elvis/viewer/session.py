@@ -6,7 +6,7 @@ import asyncio
 import json
 import struct
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
@@ -30,7 +30,7 @@ from elvis.viewer.page_files import views_of
 from elvis.viewer.patches import FIXED, folder_of, patched, placed, put_back, scene_of_page, without
 from elvis.viewer.placing import TakenError, place_of
 from elvis.viewer.rereading import Rereading, first_of
-from elvis.viewer.second_data import SecondData, sources_with
+from elvis.viewer.second_data import SentFiles, sources_with
 from elvis.viewer.sizing import LATE, MOST, Sizing, limited_size
 from elvis.viewer.viewers import Viewer, is_any_slow
 from elvis.viewer.watching import WatchedFiles
@@ -98,7 +98,8 @@ class Session:
         self.on_unreadable: Callable[[str], bool] = lambda reason: False
         self._drawer = Drawer(self.source, self.process)
         self._files = WatchedFiles(self.scene.data)
-        self.second = SecondData()
+        #: removes the files of the second dataset
+        self._second = ExitStack()
         #: changes on disk since the data were read
         self._stale = ""
         self._wake = asyncio.Event()
@@ -118,7 +119,7 @@ class Session:
         for task in self._tasks:
             task.cancel()
         self._drawer.close()
-        self.second.close()
+        self._second.close()
 
     async def join(self, viewer: Viewer) -> None:
         """Somebody begins to look: the state, and the picture that there is."""
@@ -422,16 +423,14 @@ class Session:
                 self._wake_up()
                 await self._send_state()
 
-    async def compare(self, files: Sequence[Path]) -> None:
+    async def compare(self, sent: SentFiles) -> None:
         """Read a second dataset, for expressions and next to the first; ElvisError if that fails, nothing changes."""
         async with self.rereading.turn:
-            try:
-                sources = await asyncio.to_thread(sources_with, self.source, files)
+            with sent:
+                sources = await asyncio.to_thread(sources_with, self.source, sent.files)
                 await first_of(sources, self._read_from)
-            except ElvisError:
-                self.second.reject()
-                raise
-            self.second.accept()
+            self._second.close()
+            self._second.callback(sent.remove)
 
     async def _read_from(self, source: Source) -> None:
         """Read the data from a source, in a new process; ElvisError if they can't be read, nothing changes."""

@@ -27,7 +27,7 @@ from elvis.scene.whole import Scene
 from elvis.viewer.drawing_process import Source
 from elvis.viewer.moments import source_of
 from elvis.viewer.patches import FIXED
-from elvis.viewer.second_data import SecondData
+from elvis.viewer.second_data import SentFiles
 from elvis.viewer.server import page_facts
 from elvis.viewer.session import Session
 from elvis.viewer.viewers import Viewer
@@ -83,6 +83,7 @@ class NotebookViewer:
         }
         self._widget: Any = type("ElVis", (anywidget.AnyWidget,), own)()
         self._viewer = Viewer(self._send)
+        self._sent: SentFiles | None = None
         self._widget.on_msg(self._receive)
         self._call(self._session.join(self._viewer))
 
@@ -122,15 +123,32 @@ class NotebookViewer:
         session = self._session
         try:
             if message["type"] == "upload":
-                _take(session.second, message.get("content"), buffers)
+                self._take(message.get("content"), buffers)
             else:
-                await session.compare(session.second.files)
+                sent, self._sent = self._sent or SentFiles(), None
+                await session.compare(sent)
                 if isinstance(self._data, Dataset) and isinstance(session.source.data, Dataset):
                     self._data = self._data.with_others(**session.source.data.others)
-        except (ElvisError, OSError) as error:
+        except ElvisError as error:
             self._widget.send({"type": "error", "id": message.get("id"), "text": str(error)})
         else:
             self._widget.send({"type": "answer", "id": message.get("id"), "content": None})
+
+    def _take(self, content: Any, buffers: Any) -> None:
+        """Append a part of a file: ``name``, whether it is the ``first`` file of all, ``offset`` of the part."""
+        part = content if isinstance(content, dict) else {}
+        if self._sent is None or (part.get("offset") == 0 and part.get("first")):
+            self._drop_sent()
+            self._sent = SentFiles()
+        if part.get("offset") == 0:
+            self._sent.open(str(part.get("name")))
+        self._sent.append(bytes(buffers[0]) if buffers else b"")
+
+    def _drop_sent(self) -> None:
+        """Remove files that were sent and never compared."""
+        sent, self._sent = self._sent, None
+        if sent is not None:
+            sent.remove()
 
     async def _save(self, message: dict[str, Any]) -> None:
         """A file for the browser to keep."""
@@ -181,6 +199,7 @@ class NotebookViewer:
 
     def close(self) -> None:
         """End the process that draws."""
+        self._drop_sent()
         self._call(self._session.close())
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join(CLOSING)
@@ -196,16 +215,6 @@ class NotebookViewer:
             start = 4 + struct.unpack("<I", message[:4])[0]
             bundle = {**bundle, "image/png": base64.b64encode(message[start:]).decode()}
         return (bundle, *found[1:]) if isinstance(found, tuple) else bundle
-
-
-def _take(second: SecondData, content: Any, buffers: Any) -> None:
-    """Append a part of a file: ``name``, whether it is the ``first`` file of all, ``offset`` of the part."""
-    part = content if isinstance(content, dict) else {}
-    if part.get("offset") == 0:
-        if part.get("first"):
-            second.begin()
-        second.open(str(part.get("name")))
-    second.append(bytes(buffers[0]) if buffers else b"")
 
 
 async def _session(scene: Scene, source: Source) -> Session:
