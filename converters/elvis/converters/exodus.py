@@ -26,7 +26,7 @@ from elvis.plugins.nodal import NodalBasis, NodalBlock, NodalConverter, NodalVal
 
 #: End of a file's name: the number of a mesh in a sequence of meshes, then the number of processes that wrote the files
 #: of a state, and the number of the one that wrote this file
-_MARKS = re.compile(r"(?P<stem>.*?)(?P<sequence>-s\d+)?(?:\.(?P<count>\d+)\.(?P<number>\d+))?")
+_MARKS = re.compile(r"(?P<stem>.*?)(?P<sequence>-s\d+)?(?:\.(?P<count>\d+)\.(?P<number>\d+))?", re.DOTALL)
 
 #: elements with nodes in the middle of triangles, and whether tetrahedra and prisms have one inside
 _WITH_BUBBLES = {
@@ -241,7 +241,7 @@ def _marks(path: Path) -> re.Match[str]:
     assert marks is not None  # all of the name may be the stem
     if marks["count"] is None or int(marks["number"]) < int(marks["count"]):
         return marks
-    stem = re.fullmatch(r"(?P<stem>.*)(?P<sequence>-s\d+)?(?P<count>)(?P<number>)", path.name)
+    stem = re.fullmatch(r"(?P<stem>.*)(?P<sequence>-s\d+)?(?P<count>)(?P<number>)", path.name, re.DOTALL)
     assert stem is not None
     return stem
 

@@ -26,7 +26,7 @@ _SPACE = re.compile(r"(?m)^(FiniteElementSpace|MFEM FiniteElementSpace v1\.0)\s*
 _GROUP = re.compile(r"(?m)^\d+((?: \d+)+)\s*$")
 
 #: names of pieces; last line of meshes of some versions
-_NUMBERED, _END = re.compile(r"(.*)\.(\d{6})"), "mfem_mesh_end"
+_NUMBERED, _END = re.compile(r"(.*)\.(\d{6})", re.DOTALL), "mfem_mesh_end"
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ from elvis.plugins.recognition import found_instead
 _SIDES = {2: np.array([0, 1, 2, 3]), 3: np.array([1, 2, 3, 4, 0, 5])}
 
 #: the name of a file of a series: what precedes, the number of the file in its step, the number of the step
-_NAME = re.compile(r"(.*?)(\d+)(\.f)(\d{5})$")
+_NAME = re.compile(r"(.*?)(\d+)(\.f)(\d{5})$", re.DOTALL)
 
 #: steps that an index may name without any file, and more for each file in the folder
 _MISSING_STEPS, _STEPS_OF_FILE = 10_000, 100

@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 import elvis.viewer
-from elvis import Dataset, Shape, sample, write
+from elvis import Dataset, ElvisError, Shape, sample, write
 from elvis.core.terminal import plain_names
 from elvis.core.testing import approximated, grid
 from elvis.plugins.command import elvis as group
@@ -118,3 +118,10 @@ def test_the_page_of_the_viewer_escapes_texts():
     assert "textContent" in script
     for parsing in ("innerHTML", "outerHTML", "insertAdjacentHTML", "document.write", "DOMParser", "eval("):
         assert parsing not in script
+
+
+@pytest.mark.parametrize("name", ["a\nb.xml", "-a.xml", "a\nb.e.4.1", "a\nb0.f00001", "a\nb.000001"])
+def test_missing_files_with_odd_names_give_a_one_line_error(name, files):
+    outcome, _ = run("info", "--", files[0], name)
+    assert isinstance(outcome.exception, ElvisError)
+    assert "there is no such file" in str(outcome.exception)
