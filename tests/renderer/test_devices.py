@@ -14,6 +14,7 @@ from elvis.renderer import adapters
 from elvis.renderer.adapters import Adapter, UnfitError, first_fit, lacking, limited
 from elvis.renderer.commands.devices import devices
 from elvis.renderer.device import _as_writeable
+from elvis.renderer.pacing import Watch
 
 XE = Adapter("vulkan:0", "Intel(R) Iris(R) Xe Graphics", False)
 CARD = Adapter("vulkan:1", "a card", False)
@@ -197,3 +198,15 @@ def test_one_core_is_announced_once(monkeypatch, capfd):
     said = capfd.readouterr().err
     assert said.count("one CPU core") == 1
     assert "mesa-vulkan-drivers" in said
+
+
+def test_slangpy_waits_only_for_finished_work():
+    """Its wait holds the interpreter, so that no other thread runs, nor Ctrl-C is noticed."""
+    calls = []
+
+    def is_finished(submission):
+        calls.append(submission)
+        return len(calls) > 20
+
+    Watch(is_finished, lambda: calls.append("retired"), lambda seconds: None).wait(7)
+    assert calls == [7] * 21 + ["retired"]
