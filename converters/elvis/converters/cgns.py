@@ -229,7 +229,7 @@ class _ZoneReading:
                     labels[own.hold(group.numbers)] = (_names(node, self.families) or [node.name])[0]
             marks = self._solution_marks(group, solutions)
             for label, rows in _parts(labels, marks):
-                groups.append(self._with_points(group.take(rows) if len(rows) < len(labels) else group))
+                groups.append(self._with_points(group.part(rows) if len(rows) < len(labels) else group))
                 regions.append(label)
         self.zone.cells, self._regions = groups, regions
         self._places = [NodalValues(self.zone.points, group.kind.functions, group.nodes) for group in groups]

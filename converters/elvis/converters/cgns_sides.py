@@ -17,6 +17,7 @@ from elvis.converters.cgns_zones import Group, Zone
 from elvis.converters.inputs import check_rows
 from elvis.core.arrays import Bools, Ints, distinct_bits, distinct_rows
 from elvis.core.errors import FormatError
+from elvis.core.rows import Rows
 from elvis.plugins.projection.naming import local_sides
 
 #: direction of a structured zone across which the faces lie
@@ -27,19 +28,12 @@ _DEGENERATE = ("BCDegenerate", "BCAxisymmetricWedge", "BCSymmetryPolar")
 
 
 @dataclass(frozen=True, eq=False)
-class SideList:
+class SideList(Rows):
     """Sides of cells: ``groups``, ``rows`` and local ``sides``, (n,) each."""
 
     groups: Ints
     rows: Ints
     sides: Ints
-
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    def take(self, which: Ints | Bools) -> SideList:
-        """Some of them."""
-        return SideList(self.groups[which], self.rows[which], self.sides[which])
 
     def parts(self) -> Iterator[tuple[int, Ints, Ints]]:
         """Number of each group, with rows and local sides in it."""
@@ -90,7 +84,7 @@ class ZoneSides:
         for corners, (sides, table) in self._every.items():
             _, which = distinct_rows(table)
             is_outer = np.bincount(which)[which] == 1
-            result[corners] = sides.take(is_outer), table[is_outer]
+            result[corners] = sides.part(is_outer), table[is_outer]
         return result
 
     def outer_vertices(self) -> Bools:
@@ -109,7 +103,7 @@ class ZoneSides:
         kept = []
         has_inner = bool(marks[self._inner_nodes()].any())
         for sides, table in self._outer.values():
-            chosen = sides.take(marks[table].all(axis=1))
+            chosen = sides.part(marks[table].all(axis=1))
             kept.append(self._whole(chosen, marks) if has_inner else chosen)
         return SideList.joined(kept)
 
@@ -128,7 +122,7 @@ class ZoneSides:
             for side, columns in enumerate(group.kind.side_nodes()):
                 here = np.flatnonzero((sides.groups == number) & (sides.sides == side))
                 keep[here] = marks[group.nodes[sides.rows[here]][:, columns]].all(axis=1)
-        return sides.take(keep)
+        return sides.part(keep)
 
     def of_elements(self, groups: Sequence[Group]) -> tuple[SideList, int]:
         """Sides of cells that have the corners of elements of one dimension less, and how many of these no cell has."""
@@ -144,7 +138,7 @@ class ZoneSides:
             sides, table = self._every[corners]
             _, which = distinct_rows(np.concatenate([table, asked]))
             own, other = which[: len(table)], which[len(table) :]
-            found.append(sides.take(np.isin(own, other)))
+            found.append(sides.part(np.isin(own, other)))
             lost += int((~np.isin(other, own)).sum())
         return SideList.joined(found), lost
 
@@ -266,7 +260,7 @@ class Condition:
         """Sides or cells by the numbers of elements."""
         cells = [group.numbers[named.hold(group.numbers)] for group in self.zone.cells]
         self.cells = np.concatenate([np.empty(0, np.int64), *cells])
-        others = [group.take(np.flatnonzero(named.hold(group.numbers))) for group in self.zone.others]
+        others = [group.part(np.flatnonzero(named.hold(group.numbers))) for group in self.zone.others]
         self.taken = np.concatenate([self.cells, *(group.numbers for group in others)])
         flat = [g for g in others if g.kind.shape.dimension == self.zone.dimension - 1 and len(g.numbers)]
         self.sides, lost = self._sides.of_elements(flat)

@@ -28,6 +28,7 @@ from elvis.converters.cgns_tree import Node
 from elvis.converters.inputs import check_rows
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
+from elvis.core.rows import Rows
 
 #: type of the cells of structured zones, by dimension
 _CELLS = {1: 3, 2: 7, 3: 17}
@@ -44,17 +45,13 @@ _CYLINDRICAL = ("CoordinateR", "CoordinateTheta")
 
 
 @dataclass(eq=False)
-class Group:
+class Group(Rows):
     """Elements of one type in a section: ``numbers`` (n,) in the zone, ``nodes`` (n, k) vertices."""
 
     kind: ElementType
     section: str
     numbers: Ints
     nodes: Ints
-
-    def take(self, rows: Ints) -> Group:
-        """Some of the elements."""
-        return Group(self.kind, self.section, self.numbers[rows], self.nodes[rows])
 
 
 @dataclass(eq=False)
@@ -216,7 +213,7 @@ def _groups(section: Node, version: int, zone: Zone) -> list[Group]:
 def _within(group: Group, first: int, end: int) -> Group:
     """The elements with numbers from one to another."""
     is_inside = (group.numbers >= first) & (group.numbers < end)
-    return group if is_inside.all() else group.take(np.flatnonzero(is_inside))
+    return group if is_inside.all() else group.part(np.flatnonzero(is_inside))
 
 
 def _settled(group: Group, zone: Zone, section: Node) -> Group:

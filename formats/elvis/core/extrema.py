@@ -31,6 +31,7 @@ from elvis.core.polynomials.rounding import (
     halving_roundings,
     raising_roundings,
 )
+from elvis.core.rows import Rows
 
 #: maximum bisections, boxes at once, and the tolerated gap to the bound, relative to the field's magnitude
 _ROUNDS, _MANY, _CLOSE = 30, 1 << 12, 1e-13
@@ -132,25 +133,15 @@ def chosen(count: int, nets_on: Callable[[Ints], Nets], numbers: int = 0) -> Cho
         deciding = np.unique(np.concatenate([_deciding(own.times(sign)) for sign in (-1, 1)]))
         rows.append(some.start + deciding)
         nets.append(own.part(deciding))
-    return Chosen(np.concatenate(rows), Nets.together(nets))
+    return Chosen(np.concatenate(rows), Nets.joined(nets))
 
 
 @dataclass(frozen=True, eq=False)
-class Nets:
+class Nets(Rows):
     """Nets (n, D, …) with errors of at most ``error`` (n,)."""
 
     values: Floats
     error: Floats
-
-    @staticmethod
-    def together(several: Sequence[Nets]) -> Nets:
-        """The nets of several sets, concatenated."""
-        values = np.concatenate([own.values for own in several])
-        return Nets(values, np.concatenate([own.error for own in several]))
-
-    def part(self, rows: Ints) -> Nets:
-        """Some of them."""
-        return Nets(self.values[rows], self.error[rows])
 
     def times(self, sign: int) -> Nets:
         """The nets; their negatives for -1."""
@@ -275,17 +266,13 @@ def _greatest(nets: Nets) -> Best:
 
 
 @dataclass(frozen=True, eq=False)
-class _Boxes:
+class _Boxes(Rows):
     """Boxes of eta: rows (n,) of the patch, ends (n, d) each, nets."""
 
     rows: Ints
     low: Floats
     high: Floats
     nets: Nets
-
-    def part(self, chosen: Ints) -> _Boxes:
-        """Some of them."""
-        return _Boxes(self.rows[chosen], self.low[chosen], self.high[chosen], self.nets.part(chosen))
 
     def halved(self) -> _Boxes:
         """Both halves in every direction."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_ints
+from elvis.core.arrays import Floats, Ints, frozen_ints
 from elvis.core.dataset import Dataset
 from elvis.core.distances.boundaries import joined_sides
 from elvis.core.geometry import GeometryBlock, geometry
@@ -20,6 +20,7 @@ from elvis.core.mapping.orientation import chunks
 from elvis.core.mapping.side_traces import SideTraces, ValuesAt, shared_pairs, side_traces
 from elvis.core.mesh import NON_CONFORMING, Composite, Entities, Mesh
 from elvis.core.polynomials.evaluation import evaluate
+from elvis.core.rows import Rows
 from elvis.core.shapes import Shape
 
 #: share of the largest coordinate within which two sides are one
@@ -51,16 +52,12 @@ def with_separated_sides(before: Dataset, after: Dataset, rounding: float) -> Me
 
 
 @dataclass(frozen=True, eq=False)
-class Separated:
+class Separated(Rows):
     """Sides (n,), by rows in the mesh, and the shape and row of the second element of each."""
 
     side: Ints
     shape: Ints
     row: Ints
-
-    def part(self, chosen: Bools) -> Separated:
-        """Some of them."""
-        return Separated(self.side[chosen], self.shape[chosen], self.row[chosen])
 
 
 def _separated(dataset: Dataset, room: float) -> Separated:

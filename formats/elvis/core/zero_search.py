@@ -29,6 +29,7 @@ from elvis.core.polynomials.net_zeros import (
     newton_zeros,
 )
 from elvis.core.polynomials.quadrature import gauss
+from elvis.core.rows import Rows
 from elvis.core.shapes import Shape
 
 #: maximum bisections, in general and next to outer sides, where zeros are expected
@@ -43,7 +44,7 @@ _Map = Callable[[Floats], Floats]
 
 
 @dataclass(frozen=True, eq=False)
-class Boxes:
+class Boxes(Rows):
     """Boxes in [0, 1]^d: rows (k,) of the patch, ends (k, d), nets (k, d, D, …) and rounding (k, d) of components."""
 
     rows: Ints
@@ -51,10 +52,6 @@ class Boxes:
     high: Floats
     nets: Floats
     rounding: Floats
-
-    def part(self, chosen: Ints | Bools) -> Boxes:
-        """Some of them."""
-        return Boxes(self.rows[chosen], self.low[chosen], self.high[chosen], self.nets[chosen], self.rounding[chosen])
 
     def halved(self) -> Boxes:
         """Both halves in every direction."""

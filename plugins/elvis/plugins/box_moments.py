@@ -15,22 +15,16 @@ from elvis.core.polynomials.collapse import collapse_jacobian, uncollapse
 from elvis.core.polynomials.cubature import COLLAPSE
 from elvis.core.polynomials.expansion import mode_count
 from elvis.core.polynomials.expansion import values as mode_values
+from elvis.core.rows import Rows
 
 
 @dataclass(frozen=True, eq=False)
-class BlockBoxes:
+class BlockBoxes(Rows):
     """Boxes of eta in elements (n,) of a block: ends (n, d)."""
 
     element: Ints
     low: Floats
     high: Floats
-
-    def __len__(self) -> int:
-        return len(self.element)
-
-    def take(self, chosen: Ints | Bools | slice) -> BlockBoxes:
-        """Some of the boxes."""
-        return BlockBoxes(self.element[chosen], self.low[chosen], self.high[chosen])
 
     def halved(self) -> BlockBoxes:
         """The halves in all directions, far apart for one box: half k of box i is number k n + i."""
@@ -53,7 +47,7 @@ def orthonormal_spaces(spaces: Sequence[Expansion]) -> dict[Expansion, Floats]:
 
 
 @dataclass(frozen=True, eq=False)
-class Moments:
+class Moments(Rows):
     """Moments on n boxes.
 
     fields     (n, fields, m) by space
@@ -77,26 +71,12 @@ class Moments:
         functions = {own: np.zeros((count, size, size)) for own, size in sizes.items()}
         return Moments(fields, functions, np.zeros(count), np.zeros(count), np.zeros((count, many)))
 
-    @staticmethod
-    def concatenated(parts: Sequence[Moments], spaces: dict[Expansion, Floats]) -> Moments:
-        """Several, one after the other."""
-        fields = {own: np.concatenate([part.fields[own] for part in parts]) for own in spaces}
-        functions = {own: np.concatenate([part.functions[own] for part in parts]) for own in spaces}
-        columns = (np.concatenate([getattr(part, name) for part in parts]) for name in ("measure", "missed", "size"))
-        return Moments(fields, functions, *columns)
-
     def put(self, rows: Ints, other: Moments) -> None:
         """Replace the moments of some boxes (k,)."""
         for own in self.fields:
             self.fields[own][rows] = other.fields[own]
             self.functions[own][rows] = other.functions[own]
         self.measure[rows], self.missed[rows], self.size[rows] = other.measure, other.missed, other.size
-
-    def take(self, chosen: Ints | Bools) -> Moments:
-        """The moments on some of the boxes."""
-        fields = {own: value[chosen] for own, value in self.fields.items()}
-        functions = {own: value[chosen] for own, value in self.functions.items()}
-        return Moments(fields, functions, self.measure[chosen], self.missed[chosen], self.size[chosen])
 
     def summed(self, count: int) -> Moments:
         """The sums over the halves of each of ``count`` boxes."""

@@ -108,7 +108,7 @@ class ElementProjection:
         measure, size, residual = whole.measure, whole.size, np.zeros(count)
         for depth in range(_MOST_HALVINGS):
             totals.add(whole, boxes.element, is_final)
-            boxes, whole = boxes.take(~is_final), whole.take(~is_final)
+            boxes, whole = boxes.part(~is_final), whole.part(~is_final)
             if not len(boxes):
                 break
             parts = boxes.halved()
@@ -121,7 +121,7 @@ class ElementProjection:
             np.add.at(residual, boxes.element[~is_open], off[~is_open])
             totals.add(together, boxes.element, ~is_open)
             again = np.tile(is_open, 2**d)
-            boxes, whole, is_final = parts.take(again), finer.take(again), is_fine[again]
+            boxes, whole, is_final = parts.part(again), finer.part(again), is_fine[again]
         self._measure += float(measure.sum())
         self._missed += totals.missed
         self.residual = max(self.residual, float(residual.max()))
@@ -211,8 +211,8 @@ class _BlockMoments:
             for is_affine, rows in ((True, held[straight]), (False, held[~straight])):
                 if not len(rows):
                     continue
-                moments, is_inside, is_sure = self._in_one(boxes.take(rows), number, row[rows], depth, is_affine)
-                found.put(rows[is_inside], moments.take(is_inside))
+                moments, is_inside, is_sure = self._in_one(boxes.part(rows), number, row[rows], depth, is_affine)
+                found.put(rows[is_inside], moments.part(is_inside))
                 is_final[rows[is_inside]] = is_sure[is_inside]
                 rest.append(rows[~is_inside])
 
@@ -220,7 +220,7 @@ class _BlockMoments:
         others = np.concatenate(rest)
         if not len(others):
             return found, is_final
-        moments = self._anywhere(boxes.take(others))
+        moments = self._anywhere(boxes.part(others))
         found.put(others, moments)
         is_final[others] = (part[others] == _NONE) & (moments.missed == moments.measure)
         return found, is_final
@@ -234,7 +234,7 @@ class _BlockMoments:
         corners = (1 - _INWARDS) * np.stack(np.meshgrid(*[[-1.0, 1.0]] * d, indexing="ij"), axis=-1).reshape(-1, d)
         parts, rows = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
         for some in chunks(len(boxes), max(1, _AT_ONCE // len(corners))):
-            places = self._points(boxes.take(some), corners)[0].positions
+            places = self._points(boxes.part(some), corners)[0].positions
             location = self.source.locate(places)
             part, row = (each.reshape(-1, len(corners)) for each in (location.patch, location.row))
             is_one = (part == part[:, :1]).all(axis=1) & (row == row[:, :1]).all(axis=1)
@@ -272,8 +272,8 @@ class _BlockMoments:
         inside = np.flatnonzero(is_inside)
         own = rows[inside]
         rows, is_sure = own, np.zeros(len(boxes), bool)
-        coarse = self._moments(boxes.take(inside), self.rules.fine(False, depth + 1), values)
-        part = fine.take(inside)
+        coarse = self._moments(boxes.part(inside), self.rules.fine(False, depth + 1), values)
+        part = fine.part(inside)
         is_sure[inside] = coarse.distance(part, part.measure, part.size) <= _GOAL
         return fine, is_inside, is_sure
 
@@ -291,7 +291,7 @@ class _BlockMoments:
         places, weights = rule
         parts = []
         for some in chunks(len(boxes), max(1, _AT_ONCE // len(places))):
-            own = boxes.take(some)
+            own = boxes.part(some)
             points, eta = self._points(own, places)
             scale = np.prod((own.high - own.low) / 2, axis=1)
             measure = determinants(points.jacobians) * collapse_jacobian(self.block.shape, eta)
@@ -299,4 +299,4 @@ class _BlockMoments:
             is_missed, found = values(some, points.positions)
             by_box = found.reshape(len(found), len(own), -1)
             parts.append(moments_of(self.spaces, points.points, measure, by_box, is_missed.reshape(measure.shape)))
-        return Moments.concatenated(parts, self.spaces)
+        return Moments.joined(parts)

@@ -9,6 +9,7 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.chebyshev_models.series import ORDERS, to_half
+from elvis.core.rows import Rows
 
 #: the eight eighths of a box
 EIGHTHS = tuple((x, y, z) for z in (-1, 1) for y in (-1, 1) for x in (-1, 1))
@@ -20,7 +21,7 @@ def eighths_of(offset: Floats) -> Ints:
 
 
 @dataclass(frozen=True, eq=False)
-class ModelBoxes:
+class ModelBoxes(Rows):
     """Boxes of elements, in the coordinates of the cubes that hold them, with series in x = s / ROOM.
 
     element   (n,) rows of elements
@@ -44,13 +45,6 @@ class ModelBoxes:
         """Boxes whose leaves are all polynomials."""
         none = np.zeros((len(element), ORDERS, leaves.shape[1]))
         return ModelBoxes(element, centre, half, leaves, off, none, np.zeros((len(element), 0)))
-
-    def __len__(self) -> int:
-        return len(self.element)
-
-    def part(self, rows: Ints | Bools) -> ModelBoxes:
-        """Some of the boxes."""
-        return ModelBoxes(*(getattr(self, own.name)[rows] for own in fields(self)))
 
 
 class ElementSeries(Protocol):

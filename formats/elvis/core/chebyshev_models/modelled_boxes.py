@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from elvis.core.chebyshev_models.series import (
     tails_of,
 )
 from elvis.core.chebyshev_models.series_boxes import SeriesBoxes, world_boxes
+from elvis.core.rows import Rows
 
 #: tolerated error of models, relative to their range
 MODEL_PART = 1e-4
@@ -161,6 +162,7 @@ class ModelledBoxes:
             centre = self.centre + 0.5 * side * self.half[:, None] * np.eye(3)[axis]
             half = replace(self, centre=centre, coefficients=coefficients, error=error, condition=condition)
             parts.append(half.part(half.may_hold(level)))
+        conditions = [part.condition for part in parts if part.condition is not None]
         return ModelledBoxes(
             self.boxes,
             np.concatenate([part.row for part in parts]),
@@ -169,7 +171,7 @@ class ModelledBoxes:
             np.concatenate([part.coefficients for part in parts]),
             np.concatenate([part.remainder for part in parts], axis=1),
             np.concatenate([part.error for part in parts]),
-            Condition.joined([part.condition for part in parts if part.condition is not None]),
+            Condition.joined(conditions) if conditions else None,
             self.excess,
         )
 
@@ -235,7 +237,7 @@ def _of_size(series: Floats, size: int) -> tuple[Floats, Floats]:
 
 
 @dataclass(frozen=True, eq=False)
-class Condition:
+class Condition(Rows):
     """A condition on boxes, which is positive where a level does not count.
 
     coefficients  (n, count, count, count) of its series
@@ -255,17 +257,6 @@ class Condition:
         remainder = model.series_remainder
         steep = 3.0 * (model.sizes[1] + remainder[1])
         return Condition(model.coefficients, remainder[0], steep, model.error)
-
-    @staticmethod
-    def joined(parts: list[Condition]) -> Condition | None:
-        """The conditions of several lists of boxes; None if there are none."""
-        if not parts:
-            return None
-        return Condition(*(np.concatenate([getattr(part, own.name) for part in parts]) for own in fields(Condition)))
-
-    def part(self, rows: Ints | Bools) -> Condition:
-        """Those of some boxes."""
-        return Condition(*(getattr(self, own.name)[rows] for own in fields(self)))
 
     def on_side(self, axis: int, side: int) -> Condition:
         """Those of halves along an axis on one side."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from math import comb
 
 import numpy as np
@@ -14,6 +14,7 @@ from elvis.core.polynomials.bernstein import line_tables
 from elvis.core.polynomials.boxnets import nets_through
 from elvis.core.polynomials.net_zeros import divided
 from elvis.core.polynomials.quadrature import gauss
+from elvis.core.rows import Rows
 
 #: rounding of nets, relative to their largest coefficients
 _ROUNDING = 1e-13
@@ -24,7 +25,7 @@ _AT_ONCE = 1 << 19
 
 
 @dataclass(frozen=True, eq=False)
-class Boxes:
+class Boxes(Rows):
     """Boxes in [0, 1]^3 of one cell of elements: rows (k,), ends (k, 3), Bernstein nets on them.
 
     above     (k, 3, …) the velocity, or its numerator if it is a quotient
@@ -51,9 +52,6 @@ class Boxes:
     scale: Floats
     least: Floats
 
-    def __len__(self) -> int:
-        return len(self.rows)
-
     @staticmethod
     def whole(rows: Ints, above: Floats, gradient: Floats, least: Floats, is_turned: bool) -> Boxes:
         """All of the cell of elements, from nets of velocity and gradient; crossed with acceleration or rotation."""
@@ -69,10 +67,6 @@ class Boxes:
         scale = np.linalg.norm(gradient, axis=1).max(axis=(1, 2, 3), initial=0.0)
         known = errors[0], errors[1], *invariants(gradient), scale
         return Boxes(rows, low, low + 1, above, gradient, crossed, turned, *known, least)
-
-    def part(self, chosen: Ints | Bools) -> Boxes:
-        """Some of them."""
-        return Boxes(*(getattr(self, own.name)[chosen] for own in fields(self)))
 
     def halved(self, axis: int) -> Boxes:
         """Both halves in one direction."""

@@ -23,6 +23,7 @@ from elvis.core.cores.matrix_ranges import Eigenvalue, MatrixRange, across, eige
 from elvis.core.cores.parallel import rotations
 from elvis.core.polynomials.bernstein import line_tables
 from elvis.core.polynomials.net_zeros import has_no_zero, inverses, values_of
+from elvis.core.rows import Rows
 
 #: maximum deviation of combined derivatives from the unit matrix, and steps of the iteration, which converges by this
 #: factor
@@ -35,7 +36,7 @@ _CENTRE = np.array([0.5])
 
 
 @dataclass(frozen=True, eq=False)
-class Graphs:
+class Graphs(Rows):
     """Two functions on each box.
 
     is_known   (k,) whether their zeros are exactly the cores
@@ -54,11 +55,6 @@ class Graphs:
     errors: Floats
     slope_errors: Floats
     vectors: Floats
-
-    def part(self, chosen: Ints | Bools) -> Graphs:
-        """Some of them."""
-        names = ("is_known", "combining", "axis", "nets", "errors", "slope_errors", "vectors")
-        return Graphs(*(getattr(self, name)[chosen] for name in names))
 
     def excluded(self) -> Bools:
         """(k,) whether no core passes the boxes."""

@@ -20,7 +20,7 @@ no growth.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import reduce
 
@@ -32,6 +32,7 @@ from elvis.core.mapping.margins import heights
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values
 from elvis.core.polynomials.boxnets import EXACT, GRID, all_halves, nets_through, on_lattice, parts_of_boxes
 from elvis.core.polynomials.rounding import POWER, UNIT, gamma, halving_roundings, value_roundings
+from elvis.core.rows import Rows
 from elvis.core.shapes import Shape
 
 #: maximum movement of an element off a facet by rounding, in the unit of `margins.facets`
@@ -45,7 +46,7 @@ _SAFE = 1 + 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class PairBoxes:
+class PairBoxes(Rows):
     """Boxes of eta in elements ``rows`` of one side, each with an element ``others`` of the other.
 
     places  (n, d, D, …) nets of coordinates from the other element's origin, off by ``place_error`` (n, d)
@@ -58,15 +59,6 @@ class PairBoxes:
     place_error: Floats
     own: Floats
     own_error: Floats
-
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    def part(self, which: Bools | Ints) -> PairBoxes:
-        """Some of them."""
-        rows, others = self.rows[which], self.others[which]
-        places, place_error = self.places[which], self.place_error[which]
-        return PairBoxes(rows, others, places, place_error, self.own[which], self.own_error[which])
 
     def without_fields(self) -> PairBoxes:
         """The boxes with nets of the first field set to zero, once they are no longer needed."""
@@ -89,12 +81,6 @@ class PairBoxes:
         places = parts_of_boxes(self.places, 1 + axis, low, high)
         own = parts_of_boxes(self.own, axis, low, high)
         return PairBoxes(self.rows, self.others, places, place_error, own, own_error)
-
-    @staticmethod
-    def concatenated(parts: Sequence[PairBoxes]) -> PairBoxes:
-        """All of several."""
-        names = ("rows", "others", "places", "place_error", "own", "own_error")
-        return PairBoxes(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,6 +21,7 @@ from elvis.core.patch import Patch
 from elvis.core.polynomials.collapse import collapse, uncollapse
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
+from elvis.core.rows import Rows
 
 #: places each way in an element at least and at most, and of all elements together
 _LEAST, _GREATEST, _MOST = 3, 12, 1 << 20
@@ -48,17 +49,13 @@ def greatest_of_fields(dataset: Dataset, name: str, other: str) -> Extremum | No
 
 
 @dataclass(frozen=True, eq=False)
-class _Places:
+class _Places(Rows):
     """Positions eta (n, D) on rows (n,) of a patch, and magnitudes (n,) there, -inf without a value."""
 
     patch: Patch
     rows: Ints
     eta: Floats
     values: Floats
-
-    def part(self, which: Ints) -> _Places:
-        """Some of them."""
-        return _Places(self.patch, self.rows[which], self.eta[which], self.values[which])
 
     def starts(self) -> _Places:
         """The best places of halves of elements in every direction, those with the largest values, largest first."""

@@ -154,7 +154,7 @@ class _Pairs:
             boxes = boxes.part(is_far).halved()
             boxes = boxes.part(composition.meet(boxes))
             self._search.budget -= len(boxes) * composition.count
-        boxes = PairBoxes.concatenated([*ready, boxes])
+        boxes = PairBoxes.joined([*ready, boxes])
         for first in range(0, len(boxes), step):
             yield boxes.part(np.arange(first, min(first + step, len(boxes))))
 

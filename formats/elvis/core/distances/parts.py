@@ -13,6 +13,7 @@ import numpy as np
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.distances.quadratic import least
 from elvis.core.distances.surface_patches import CORNERS, SurfacePatches, divided
+from elvis.core.rows import Rows
 
 #: column of the bounds that belongs to how many derivatives along the second coordinate, by order
 _COLUMNS = (np.array([0, 1]), np.array([2, 3, 4]), np.array([5, 6, 7, 8]))
@@ -21,7 +22,7 @@ _FIRSTS, _SECONDS = np.array([0, 0, 1]), np.array([0, 1, 1])
 
 
 @dataclass(frozen=True, eq=False)
-class Parts:
+class Parts(Rows):
     """Parts of patches, or of their sides: points middle + frame r, with r in a domain of `surface_patches`.
 
     corners  of the domain, 2 for sides
@@ -37,17 +38,10 @@ class Parts:
     frame: Floats
     depth: int = 0
 
-    def __len__(self) -> int:
-        return len(self.row)
-
     @staticmethod
     def whole(corners: int, row: Ints) -> Parts:
         """Whole patches."""
         return Parts(corners, row, np.zeros((len(row), 2)), np.tile(np.eye(2), (len(row), 1, 1)))
-
-    def take(self, which: Ints) -> Parts:
-        """Some of the parts."""
-        return replace(self, row=self.row[which], middle=self.middle[which], frame=self.frame[which])
 
     def places(self, points: Floats) -> Floats:
         """(n, 2) points (n, 2) of the parts as points of the patches."""
@@ -125,7 +119,7 @@ class Model:
     def take(self, which: Ints) -> Model:
         """Some of the parts."""
         arrays = (self.goal, self.gap, self.first, self.gradient, self.bend)
-        return Model(self.parts.take(which), *(array[which] for array in arrays))
+        return Model(self.parts.part(which), *(array[which] for array in arrays))
 
     def nearest_linear(self, bounds: Floats) -> tuple[Floats, Floats]:
         """(n, 2) the point of each part where its linear part is nearest, and (n,) what its distance is not less than.

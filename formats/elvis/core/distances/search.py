@@ -21,6 +21,7 @@ from elvis.core.distances.surface_patches import CORNERS, SurfacePatches
 from elvis.core.mapping.boxes import Boxes
 from elvis.core.mapping.orientation import chunks
 from elvis.core.needing import require_module
+from elvis.core.rows import Rows
 
 #: parts of the surface's scale within which distances are equal
 EQUAL = 1e-12
@@ -88,7 +89,7 @@ def _closest_corners(surface: Surface, points: Floats) -> Ints:
 
 
 @dataclass(frozen=True, eq=False)
-class _Places:
+class _Places(Rows):
     """Nearest places that were found on patches of a closed surface, for the sign of the distance.
 
     point     (n,) number of the point
@@ -103,12 +104,6 @@ class _Places:
     side: Floats
     patch: Ints
     face: Ints
-
-    @staticmethod
-    def concatenate(several: list[_Places]) -> _Places:
-        """Several as one."""
-        arrays = zip(*(vars(places).values() for places in several), strict=True)
-        return _Places(*(np.concatenate(parts) for parts in arrays))
 
 
 class _Search:
@@ -137,7 +132,7 @@ class _Search:
         """(n,) the distances; the signs of equally near places are weighted together (Baerentzen and Aanaes 2005)."""
         if not self.surface.is_closed:
             return self.distance
-        found = _Places.concatenate(self._found)
+        found = _Places.joined(self._found)
 
         # the nearest places of each point, one a patch
         is_nearest = found.distance <= self.distance[found.point] + self.equal
@@ -208,13 +203,13 @@ class _Search:
             # without a stationary point, D is minimal on the sides; sides within the face also belong to other patches
             to_cut = np.flatnonzero(~is_convex & ~model.is_steady(change))
             if len(to_cut) and parts.depth < _ROUNDS and len(to_cut) <= _MOST:
-                smaller = parts.take(to_cut).divide()
+                smaller = parts.part(to_cut).divide()
                 kinds = len(smaller) // len(to_cut)
                 waiting.append((np.tile(point[to_cut], kinds), smaller))
             is_face = parts.depth == 0 and parts.corners > 2
             if is_face and not is_convex.all():
                 whole = np.flatnonzero(~is_convex)
-                sides, owner = parts.take(whole).sides(patches)
+                sides, owner = parts.part(whole).sides(patches)
                 waiting.append((point[whole[owner]], sides))
 
     def _minimize(self, patches: SurfacePatches, model: Model, start: Floats) -> Floats:
@@ -228,7 +223,7 @@ class _Search:
                 break
             # the minimum of the quadratic model around each point, in coordinates of the part
             here = result[moving]
-            parts = model.parts.take(moving)
+            parts = model.parts.part(moving)
             local = Model.of(patches, parts.around(here), model.goal[moving])
             gradient = local.gradient - multiply(local.bend, here)
             result[moving] = least(parts.corners, local.bend, gradient)

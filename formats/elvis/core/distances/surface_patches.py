@@ -19,6 +19,7 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
 from elvis.core.bounded_cache import bounded_cache
+from elvis.core.rows import Rows
 
 CORNERS: Mapping[int, Floats] = {
     2: frozen_floats([[-1, 0], [1, 0]]),
@@ -35,7 +36,7 @@ _DEEPEST, _MOST = 7, 1 << 18
 
 
 @dataclass(frozen=True, eq=False)
-class SurfacePatches:
+class SurfacePatches(Rows):
     """Surface patches of one kind and degree.
 
     corners       2, 3 or 4, see the head of this module
@@ -48,9 +49,6 @@ class SurfacePatches:
     coefficients: Floats
     face: Ints
     outer: Ints
-
-    def __len__(self) -> int:
-        return len(self.face)
 
     @property
     def is_flat(self) -> bool:
@@ -117,15 +115,11 @@ class SurfacePatches:
             if self.corners > 2:
                 linear += np.linalg.norm(rest.coefficients[:, 1, 0], axis=1)
             bent = bend > _FLAT * linear
-            done.append(rest.take(np.flatnonzero(~bent)))
+            done.append(rest.part(np.flatnonzero(~bent)))
             if not bent.any() or sum(map(len, done)) + 4 * bent.sum() > _MOST:
-                return _join([*done, rest.take(np.flatnonzero(bent))])
-            rest = rest.take(np.flatnonzero(bent)).parts()
+                return _join([*done, rest.part(np.flatnonzero(bent))])
+            rest = rest.part(np.flatnonzero(bent)).parts()
         return _join([*done, rest])
-
-    def take(self, rows: Ints | slice) -> SurfacePatches:
-        """Some of the patches."""
-        return SurfacePatches(self.corners, self.coefficients[rows], self.face[rows], self.outer[rows])
 
     def parts(self) -> SurfacePatches:
         """The parts of all patches."""

@@ -20,11 +20,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Floats
 from elvis.core.integrals.box_discs import RHOS, BoxDiscs
 from elvis.core.quantities import discs
 from elvis.core.quantities.intervals import Interval
 from elvis.core.quantities.tree import Node
+from elvis.core.rows import Rows
 
 #: additional points of rules in a direction for which bounds are computed
 FURTHER = (0, 1, 2, 3, 5, 7, 9, 13)
@@ -37,7 +38,7 @@ def gauss_factors(counts: Sequence[int], rhos: Floats = RHOS) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class Bounds:
+class Bounds(Rows):
     """Bounds for the integrals of e expressions over n boxes, independent of rules.
 
     errors     (n, e, d, s) contribution of a direction to the error of rules with FURTHER[s] additional points; inf:
@@ -50,16 +51,6 @@ class Bounds:
     low: Floats
     high: Floats
     moved: Floats
-
-    def part(self, chosen: Ints | Bools | slice) -> Bounds:
-        """The bounds of some boxes."""
-        return Bounds(self.errors[chosen], self.low[chosen], self.high[chosen], self.moved[chosen])
-
-    @staticmethod
-    def joined(several: Sequence[Bounds]) -> Bounds:
-        """The bounds of several sets of boxes, concatenated."""
-        columns = [(own.errors, own.low, own.high, own.moved) for own in several]
-        return Bounds(*(np.concatenate(parts) for parts in zip(*columns, strict=True)))
 
     def error(self, value: Floats, steps: Sequence[int]) -> Floats:
         """(n, e) bounds of the errors of values (n, e) by rules with FURTHER[step] points more in each direction."""

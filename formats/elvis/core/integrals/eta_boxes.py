@@ -6,7 +6,6 @@ piece determine them; values in a smaller box follow by interpolation in one dir
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +20,7 @@ from elvis.core.polynomials.cubature import COLLAPSE
 from elvis.core.polynomials.jacobi import jacobi
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.quantities.element_points import ElementPoints, Lattice
+from elvis.core.rows import Rows
 
 #: boxes smaller than this share of the element are not bisected, since points in them could not be distinguished
 _LEAST_SIDE = 2.0**-43
@@ -50,7 +50,7 @@ def to_legendre(count: int) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class EtaBoxes:
+class EtaBoxes(Rows):
     """Boxes of eta in elements of a piece.
 
     rows       (n,)    of the patch
@@ -69,9 +69,6 @@ class EtaBoxes:
         """All of a piece."""
         low = np.full((len(piece), piece.dimension), -1.0)
         return EtaBoxes(piece, piece.rows, rounding, low, -low)
-
-    def __len__(self) -> int:
-        return len(self.rows)
 
     @property
     def volumes(self) -> Floats:
@@ -114,10 +111,6 @@ class EtaBoxes:
             return ElementPoints(self.piece.patch, self.rows[box], points)
         return BoxPoints(self, counts, points)
 
-    def part(self, chosen: Ints | Bools | slice) -> EtaBoxes:
-        """Some of the boxes."""
-        return EtaBoxes(self.piece, self.rows[chosen], self.rounding[chosen], self.low[chosen], self.high[chosen])
-
     def halved(self, directions: Bools) -> EtaBoxes:
         """Halves of all boxes in the requested directions (n, k); in other directions they are unchanged."""
         boxes, wanted = self, directions
@@ -138,13 +131,6 @@ class EtaBoxes:
     def halves(self) -> EtaBoxes:
         """Halves in every direction: 2^k boxes for each."""
         return self.halved(np.ones(self.low.shape, bool))
-
-    @staticmethod
-    def joined(several: Sequence[EtaBoxes]) -> EtaBoxes:
-        """Boxes of one piece together."""
-        columns = [(own.rows, own.rounding, own.low, own.high) for own in several]
-        rows, rounding, low, high = (np.concatenate(parts) for parts in zip(*columns, strict=True))
-        return EtaBoxes(several[0].piece, rows, rounding, low, high)
 
 
 class BoxPoints(ElementPoints):

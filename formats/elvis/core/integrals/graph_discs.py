@@ -25,6 +25,7 @@ from elvis.core.integrals.taylor import taylor
 from elvis.core.polynomials.bernstein import line_tables
 from elvis.core.quantities import discs
 from elvis.core.quantities.discs import Disc
+from elvis.core.rows import Rows
 
 #: parameters of Bernstein ellipses; the best one is used
 RHOS = np.array([1.6, 2.2, 3.0, 4.0, 5.5, 8.0])
@@ -42,7 +43,7 @@ _FIXED, _BELOW, _ABOVE = -1, 0, 1
 
 
 @dataclass(frozen=True, eq=False)
-class GraphParts:
+class GraphParts(Rows):
     """Parts of boxes between breaks.
 
     box         (n,)    number of the box
@@ -62,13 +63,6 @@ class GraphParts:
     root: Floats
     has_root: Bools
     is_below: Bools
-
-    def part(self, chosen: Bools) -> GraphParts:
-        """Some of the parts."""
-        return GraphParts(*(getattr(self, name)[chosen] for name in self.__dataclass_fields__))
-
-    def __len__(self) -> int:
-        return len(self.box)
 
 
 def graph_parts(nets: Floats) -> GraphParts:

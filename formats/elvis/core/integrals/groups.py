@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.integrals import level_boxes
 from elvis.core.integrals.analytic_error import FURTHER, Bounds
 from elvis.core.integrals.degrees import DegreeRules
 from elvis.core.integrals.eta_boxes import EtaBoxes
@@ -318,7 +317,7 @@ def _together(several: Sequence[Boxes]) -> Boxes:
     """Boxes of one kind together."""
     of_elements = [own for own in several if isinstance(own, EtaBoxes)]
     of_levels = [own for own in several if isinstance(own, LevelBoxes)]
-    return EtaBoxes.joined(of_elements) if of_elements else level_boxes.joined(of_levels)
+    return EtaBoxes.joined(of_elements) if of_elements else LevelBoxes.joined(of_levels)
 
 
 def with_fewer_rules(steps: Ints, least: Counts, call: int = CALL) -> Ints:

@@ -10,9 +10,7 @@ sign are bisected.  The axis i has degree 0 in two dimensions.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -26,6 +24,7 @@ from elvis.core.polynomials.boxnets import halves
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.quantities.element_points import ElementPoints
 from elvis.core.quantities.tree import Node
+from elvis.core.rows import Rows
 
 #: bisections of a box until its signs must be known, and how many boxes are bisected: at least, and for each box
 #: at first
@@ -41,17 +40,12 @@ _MOVED = 10.0
 _FLAT = 0.05
 #: values of lost boxes, in units of the band, below which bisection gives no information
 _DOUBTFUL = 4.0
-#: attributes of each box
-_COLUMNS = (
-    *("rows", "cell", "low", "high", "nets", "band", "age", "rounding", "sizes", "order"),
-    *("is_proved", "is_lost", "several", "further", "shift", "change", "share"),
-)
 #: parts of the side of a cell below which boxes are not bisected
 _LEAST_SIDE = 2.0**-43
 
 
 @dataclass(frozen=True, eq=False)
-class LevelBoxes:
+class LevelBoxes(Rows):
     """Boxes in elements of a patch; in each, g = 0 is a graph.
 
     rows        (n,)          of the patch
@@ -114,14 +108,6 @@ class LevelBoxes:
         first = patch, *element, *corners, nets, band, 0 * ones, *sizes, order
         return LevelBoxes(*first, ones > 0, ones < 0, ones, zeros, zeros, zeros, zeros, is_filled, zero)
 
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    def part(self, chosen: Ints | Bools | slice) -> LevelBoxes:
-        """Some of the boxes."""
-        columns: dict[str, Any] = {name: getattr(self, name)[chosen] for name in _COLUMNS}
-        return replace(self, **columns)
-
     @property
     def dimension(self) -> int:
         """Dimension of the domain of the rules."""
@@ -159,7 +145,7 @@ class LevelBoxes:
             np.put_along_axis(is_flat, self.order[:, first + number, None], ~wanted[:, None], axis=1)
         is_flat[self.is_lost] = self._is_flat[self.is_lost]
         halves = self.part(~is_kept)._halved(is_flat[~is_kept])
-        return joined([self.part(is_kept), halves.resolved(tests)])
+        return LevelBoxes.joined([self.part(is_kept), halves.resolved(tests)])
 
     def _halved(self, is_flat: Bools | None = None) -> LevelBoxes:
         """The boxes bisected in every direction, but for those (n, 3) in which g hardly changes."""
@@ -213,12 +199,12 @@ class LevelBoxes:
             if len(boxes) > limit or depth == tests - 1:
                 break
             boxes = boxes._halved(boxes._is_flat)
-        return joined([*found, boxes.given_up()])
+        return LevelBoxes.joined([*found, boxes.given_up()])
 
     def finished(self) -> LevelBoxes:
         """The boxes, and lost ones bisected as often as is useful."""
         is_left = self.is_lost & (self.several == 1) & (self.further == 0)
-        return joined([self.part(~is_left), self.part(is_left).resolved()])
+        return LevelBoxes.joined([self.part(~is_left), self.part(is_left).resolved()])
 
     def _whole(self) -> LevelBoxes:
         """Boxes that are whole below the surface."""
@@ -247,7 +233,7 @@ class LevelBoxes:
 
         # where moved g isn't met, but g may be, the surface is lost if it may be anywhere in the box
         is_doubtful = graphs._is_unmet & (graphs.shift > 1) & (not self.is_filled)
-        return joined([graphs.part(~is_doubtful), graphs.part(is_doubtful).given_up()]), others
+        return LevelBoxes.joined([graphs.part(~is_doubtful), graphs.part(is_doubtful).given_up()]), others
 
     @property
     def _is_unmet(self) -> Bools:
@@ -377,12 +363,6 @@ class LevelBoxes:
         columns = np.take_along_axis(columns, self.order[box][:, None, first:] - first, axis=2)
         stretch, normals = _areas(_tangents(columns, graph.slopes[:, first:]), columns[:, :, -1], graph)
         return box, reference, graph.weights * stretch, normals
-
-
-def joined(several: Sequence[LevelBoxes]) -> LevelBoxes:
-    """Boxes of one patch together."""
-    columns: dict[str, Any] = {name: np.concatenate([getattr(own, name) for own in several]) for name in _COLUMNS}
-    return replace(several[0], **columns)
 
 
 def _determinants(matrices: Floats) -> Floats:

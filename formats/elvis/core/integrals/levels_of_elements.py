@@ -13,7 +13,7 @@ from elvis.core.axis_planes import box_of
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.integrals.coincident import Sides, Turned, turned
-from elvis.core.integrals.level_boxes import FIRST, LevelBoxes, joined
+from elvis.core.integrals.level_boxes import FIRST, LevelBoxes
 from elvis.core.integrals.quadrics import quadric
 from elvis.core.integrals.reference_cells import Piece
 from elvis.core.integrals.separation import CellBoxes, separated
@@ -29,6 +29,7 @@ from elvis.core.quantities.expression_nets import NetsOf, lattice_of, places_of
 from elvis.core.quantities.regions import Region, defined_side, of_polynomial, side
 from elvis.core.quantities.tree import AXES, Node, call, fold, jump_name, negative, number
 from elvis.core.ranks import Ranks
+from elvis.core.rows import Rows
 from elvis.core.shapes import Shape
 
 _OUTSIDE = "outside:"
@@ -215,7 +216,7 @@ def _of_degrees(boxes: Sequence[LevelBoxes]) -> Iterator[LevelBoxes]:
     groups: dict[tuple[object, ...], list[LevelBoxes]] = {}
     for own in boxes:
         groups.setdefault((own.zero, *own.nets.shape[1:]), []).append(own)
-    yield from map(joined, groups.values())
+    yield from map(LevelBoxes.joined, groups.values())
 
 
 def _inside(boxes: CellBoxes) -> Floats:
@@ -362,7 +363,7 @@ class ZeroSet:
 
 
 @dataclass(frozen=True, eq=False)
-class _Doubt:
+class _Doubt(Rows):
     """Precision of values of an expression on borders of elements (n,).
 
     size  (n,) maximum magnitude of its terms
@@ -386,10 +387,6 @@ class _Doubt:
         found = np.zeros(count)
         found[rows] = np.where(is_turned, -1.0, 1.0) * self.away * self.size
         return found
-
-    def part(self, chosen: Ints) -> _Doubt:
-        """The precision in some elements."""
-        return _Doubt(self.size[chosen], self.jump[chosen])
 
 
 @dataclass(frozen=True, eq=False)

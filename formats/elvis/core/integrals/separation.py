@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Floats, Ints
 from elvis.core.polynomials.boxnets import halves
 from elvis.core.quantities.regions import Region
 from elvis.core.quantities.tree import Node
+from elvis.core.rows import Rows
 
 #: halvings of boxes in which several polynomials change their signs, and how many such boxes may be bisected: at least,
 #: and for each box at first
@@ -20,7 +21,7 @@ _MOST_OF_ONE = 8
 
 
 @dataclass(frozen=True, eq=False)
-class CellBoxes:
+class CellBoxes(Rows):
     """Boxes in cells of elements.
 
     index      (n,)          numbers of elements
@@ -41,15 +42,6 @@ class CellBoxes:
         count = len(next(iter(nets.values())))
         low = np.zeros((count, 3))
         return CellBoxes(np.arange(count), low, low + 1, nets, band)
-
-    def __len__(self) -> int:
-        return len(self.index)
-
-    def part(self, chosen: Ints | Bools) -> CellBoxes:
-        """Some of the boxes."""
-        nets = {node: own[chosen] for node, own in self.nets.items()}
-        band = {node: own[chosen] for node, own in self.band.items()}
-        return CellBoxes(self.index[chosen], self.low[chosen], self.high[chosen], nets, band)
 
     def halved(self) -> CellBoxes:
         """Both halves in every direction that polynomials depend on."""

@@ -161,7 +161,7 @@ class SideSet:
         """(n, 6) low and high corners of boxes that hold the sides."""
         found = [np.empty((0, 6))]
         for group in self.groups:
-            found += [group.patches.take(part).boxes for part in chunks(len(group), SIDES)]
+            found += [group.patches.part(part).boxes for part in chunks(len(group), SIDES)]
         return np.concatenate(found)
 
     def corners(self, sides: Ints) -> Floats:

@@ -28,6 +28,7 @@ from elvis.core.polynomials.bernstein import bernstein_coefficients, bernstein_s
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.expansion import values, values_and_gradients
 from elvis.core.polynomials.row_products import row_products
+from elvis.core.rows import Rows
 from elvis.core.shapes import Shape
 
 #: residual of a root, relative to the element's size; some units in the last place of the coordinates add to it
@@ -60,7 +61,7 @@ class Status(IntEnum):
 
 
 @dataclass(frozen=True, eq=False)
-class Roots:
+class Roots(Rows):
     """Results for n pairs of a point and an element.
 
     reference  (n, d)  coordinates, NaN unless inside
@@ -77,10 +78,6 @@ class Roots:
         """Roots for pairs that are all outside."""
         reference, margin = np.full((count, dimension), np.nan), np.full(count, np.nan)
         return Roots(reference, margin, np.full(count, Status.OUTSIDE, np.uint8))
-
-    def part(self, chosen: Ints) -> Roots:
-        """Some of the results, as a copy."""
-        return Roots(self.reference[chosen], self.margin[chosen], self.status[chosen])
 
     def put(self, chosen: Ints, roots: Roots) -> None:
         """Write results in the places ``chosen``."""

@@ -16,6 +16,7 @@ from elvis.core.mapping.enclosure import hull_products, hulls
 from elvis.core.mapping.inverse import DISTANCE, Roots, Status, decide, invert
 from elvis.core.mapping.orientation import chunks
 from elvis.core.patch import Patch, patches
+from elvis.core.rows import Rows
 
 #: points located together
 _BATCH = 1 << 15
@@ -26,7 +27,7 @@ _PARTS = 16
 
 
 @dataclass(frozen=True, eq=False)
-class Location:
+class Location(Rows):
     """Locations of points: one result for a point, or one for each element that holds it; sorted by point.
 
     point       (k,)    number of the point
@@ -47,13 +48,6 @@ class Location:
     margin: Floats
     status: NDArray[np.uint8]
     is_late: Bools
-
-    def __len__(self) -> int:
-        return len(self.point)
-
-    def part(self, chosen: Ints | Bools) -> Location:
-        """Some of the results."""
-        return Location(*(getattr(self, each.name)[chosen] for each in fields(self)))
 
 
 def locate(source: Dataset | Sequence[Patch], points: Floats, all: bool = False) -> Location:

@@ -11,6 +11,7 @@ from elvis.core.mapping.margins import TOLERANCE, drawn_in, facets, heights
 from elvis.core.mapping.tangents import duals
 from elvis.core.patch import Patch
 from elvis.core.polynomials.evaluation import evaluate_at_with_gradients
+from elvis.core.rows import Rows
 from elvis.core.shapes import Shape
 
 #: maximum distance of iterates from the element, as a margin
@@ -20,7 +21,7 @@ ITERATIONS = 50
 
 
 @dataclass(frozen=True, eq=False)
-class Targets:
+class Targets(Rows):
     """World points to be found, each in one element of a patch.
 
     rows       (n,)    rows of the patch
@@ -36,14 +37,6 @@ class Targets:
     precision: Floats
     distance: Floats
     rounding: Floats
-
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    def part(self, chosen: Ints | Bools) -> Targets:
-        """Some of the targets."""
-        precision, distance, rounding = self.precision[chosen], self.distance[chosen], self.rounding[chosen]
-        return Targets(self.patch, self.rows[chosen], self.points[chosen], precision, distance, rounding)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.arrays import Floats, Ints, frozen_floats
 from elvis.core.bounded_cache import bounded_cache
 from elvis.core.dataset import Expansion
 from elvis.core.distances import Surface, nearest
@@ -20,6 +20,7 @@ from elvis.core.quantities.attributes import Attributes, is_constant
 from elvis.core.quantities.functions import function
 from elvis.core.quantities.intervals import Interval
 from elvis.core.quantities.tree import Node, direction_of, fold, target_of
+from elvis.core.rows import Rows
 from elvis.core.shapes import Shape
 
 #: nets (c, D1, …, Dd), by their object (a coordinate or a field) and the direction of its derivative
@@ -34,7 +35,7 @@ _KNOWN: dict[str, Interval] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Cells:
+class Cells(Rows):
     """Boxes of some of a patch's elements.
 
     rows       (c,)    of the patch
@@ -62,14 +63,6 @@ class Cells:
                 _add(nets, ("field", number), expansion, coefficients[rows], with_gradients)
         low = np.full((len(rows), patch.shape.dimension), -1.0)
         return Cells(patch, names, attributes, rows, low, -low, nets)
-
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    def part(self, chosen: Ints | Bools) -> Cells:
-        """Some of the boxes."""
-        nets = {key: net[chosen] for key, net in self.nets.items()}
-        return replace(self, rows=self.rows[chosen], low=self.low[chosen], high=self.high[chosen], nets=nets)
 
     def halves(self) -> Cells:
         """The boxes bisected in every direction."""

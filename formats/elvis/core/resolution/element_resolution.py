@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from elvis.core.resolution.decay_rates import (
 )
 from elvis.core.resolution.modal_bases import ModalBasis, exact_rule, modal_basis
 from elvis.core.resolution.stored_precision import DOUBLE, SINGLE, is_single
+from elvis.core.rows import Rows
 
 #: numbers in a table of values at quadrature points
 _BATCH = 1 << 20
@@ -34,7 +35,7 @@ _NOISE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class ElementResolution:
+class ElementResolution(Rows):
     """Measures of one field on elements (n,).  They are estimates, not bounds.
 
     element_ids  (n,)    ids in the file
@@ -66,15 +67,6 @@ class ElementResolution:
     norm: Floats
     measure: Floats
 
-    def __len__(self) -> int:
-        return len(self.element_ids)
-
-    @staticmethod
-    def together(several: list[ElementResolution]) -> ElementResolution:
-        """The measures of several sets of elements."""
-        columns = [[getattr(own, field.name) for own in several] for field in fields(ElementResolution)]
-        return ElementResolution(*(np.concatenate(own) for own in columns))
-
 
 def element_resolution(dataset: Dataset, name: str) -> ElementResolution:
     """The measures of a field on the elements of the domain that have it.
@@ -92,7 +84,7 @@ def element_resolution(dataset: Dataset, name: str) -> ElementResolution:
     precision = SINGLE if all(map(is_single, held)) else DOUBLE
     squares = _squared_errors(spectra, _around(dataset, spectra), precision * largest)
     pairs = zip(spectra, squares, strict=True)
-    return ElementResolution.together(
+    return ElementResolution.joined(
         [own.measures(errors, precision * largest, _NOISE * largest) for own, errors in pairs]
     )
 

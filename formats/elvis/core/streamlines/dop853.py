@@ -12,8 +12,9 @@ from math import comb
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, frozen_floats
+from elvis.core.arrays import Floats, frozen_floats
 from elvis.core.polynomials.boxnets import power_net
+from elvis.core.rows import Rows
 
 #: states (n, s) to their derivatives in time (n, s)
 Derivative = Callable[[Floats], Floats]
@@ -226,7 +227,7 @@ POWERS = _powers()
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class Step(Rows):
     """A step of each of n lines with states of s numbers.
 
     start, end  (n, s)      states
@@ -238,10 +239,6 @@ class Step:
     end: Floats
     width: Floats
     slopes: Floats
-
-    def part(self, chosen: Ints) -> Step:
-        """Some of the lines."""
-        return Step(self.start[chosen], self.end[chosen], self.width[chosen], self.slopes[chosen])
 
     def errors(self) -> tuple[Floats, Floats]:
         """(n, s) differences from the results of the embedded methods of order 5 and 3."""

@@ -16,6 +16,7 @@ from numpy.polynomial import chebyshev
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import ElvisError
 from elvis.core.polynomials.boxnets import power_net
+from elvis.core.rows import Rows
 from elvis.core.streamlines.course import Course, Flow, MakeTracer
 from elvis.core.streamlines.dop853 import DEGREE
 from elvis.core.streamlines.endings import End, end_names
@@ -82,7 +83,7 @@ def halved(points: Floats) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class Pieces:
+class Pieces(Rows):
     """Pieces of curves, each within one element: polynomials of a parameter u in [-1, 1], as coefficients of powers.
 
     points     (n, 8, 3)  in the world
@@ -102,19 +103,12 @@ class Pieces:
     time: Floats
     length: Floats
 
-    def __len__(self) -> int:
-        return len(self.element)
-
-    @staticmethod
-    def joined(parts: Sequence[Pieces]) -> Pieces:
-        """Several as one."""
+    @classmethod
+    def joined(cls, several: Sequence[Pieces]) -> Pieces:
+        """Several as one; there may be none."""
         nets, none, numbers = np.empty((0, 8, 3)), np.empty(0), np.empty(0, np.int64)
-        every = [Pieces(nets, nets, numbers, none, numbers, np.empty((0, 2)), np.empty((0, 8))), *parts]
-        return Pieces(*(np.concatenate([getattr(own, name.name) for own in every]) for name in fields(Pieces)))
-
-    def part(self, chosen: Ints) -> Pieces:
-        """Some of them, in that order."""
-        return Pieces(*(getattr(self, name.name)[chosen] for name in fields(Pieces)))
+        empty = Pieces(nets, nets, numbers, none, numbers, np.empty((0, 2)), np.empty((0, 8)))
+        return super().joined([empty, *several])
 
     def along_lines(self) -> Pieces:
         """The pieces sorted by line, each from its seed on."""

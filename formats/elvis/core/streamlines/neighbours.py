@@ -19,6 +19,7 @@ from elvis.core.mapping.margins import facets
 from elvis.core.mapping.orientation import local_vertices
 from elvis.core.mesh import NON_CONFORMING
 from elvis.core.patch import Patch
+from elvis.core.rows import Rows
 from elvis.core.shapes import Shape
 
 _SHAPES = tuple(Shape)
@@ -29,7 +30,7 @@ INTERFACE = -2
 
 
 @dataclass(frozen=True, eq=False)
-class Crossing:
+class Crossing(Rows):
     """Positions of points on sides of elements in the elements beyond.
 
     patch, row, side  (n,) -1 without an element beyond
@@ -40,10 +41,6 @@ class Crossing:
     row: Ints
     side: Ints
     reference: Floats
-
-    def part(self, chosen: Ints) -> Crossing:
-        """Some of them."""
-        return Crossing(self.patch[chosen], self.row[chosen], self.side[chosen], self.reference[chosen])
 
 
 class Neighbours:

@@ -68,7 +68,7 @@ class BoxNodes:
         leaves = [self._keys(group, own.leaves, 2 * _corners(d)) for group, own in enumerate(cells.boxes)]
         self.leaves: Ints = np.concatenate(leaves)
         least = min(int(own.leaves.halvings.min()) for own in cells.boxes)
-        divided = [own.divided.take(own.divided.halvings >= least) for own in cells.boxes]
+        divided = [own.divided.part(own.divided.halvings >= least) for own in cells.boxes]
         self._divided = np.concatenate([self._keys(group, own, _lattice(d)) for group, own in enumerate(divided)])
         is_outer = (_lattice(d) != 1).any(axis=1)
         self.keys: Ints = np.unique(np.concatenate([self.leaves.ravel(), self._divided[:, is_outer].ravel()]))
@@ -96,7 +96,7 @@ class BoxNodes:
         self._scale = float(np.abs(found).max(initial=0.0)) or 1.0
         found = self._rounded(found)
         is_outer = ((places.place == 0) | (places.place == 1)).any(axis=1)
-        positions = self.cells.positions(places.take(is_outer))
+        positions = self.cells.positions(places.part(is_outer))
         self._near = SAME_PLACE * float(np.abs(positions).max(initial=0.0))
         outer = shared_numbers(positions, found[is_outer], self._scale)
         shared = int(outer.max(initial=-1)) + 1

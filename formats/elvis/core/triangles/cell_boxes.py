@@ -8,9 +8,10 @@ from itertools import groupby, pairwise
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import ElvisError
 from elvis.core.mapping.orientation import chunks
+from elvis.core.rows import Rows
 from elvis.core.shapes import Shape
 from elvis.core.triangles.distance_bounds import distance_bounds
 from elvis.core.triangles.level_cells import CellBlock
@@ -26,7 +27,7 @@ _SLACK = 64
 
 
 @dataclass(frozen=True, eq=False)
-class Boxes:
+class Boxes(Rows):
     """Some boxes of a cell.
 
     rows      (n,) of the patch
@@ -39,13 +40,6 @@ class Boxes:
     index: Ints
     halvings: Ints
     bounds: Floats
-
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    def take(self, chosen: Bools | Ints) -> Boxes:
-        """Some of them."""
-        return Boxes(self.rows[chosen], self.index[chosen], self.halvings[chosen], self.bounds[chosen])
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,10 +98,10 @@ def _refined(block: CellBlock, tolerance: float) -> tuple[list[Boxes], list[Boxe
             return leaves, divided
         if is_last:
             break
-        leaves.append(boxes.take(~is_far))
-        divided.append(boxes.take(is_far))
+        leaves.append(boxes.part(~is_far))
+        divided.append(boxes.part(is_far))
         far = np.flatnonzero(is_far)
-        block = CellBlock.joined([block.take(far[some]).halved() for some in chunks(len(far), _AT_ONCE)])
+        block = CellBlock.joined([block.part(far[some]).halved() for some in chunks(len(far), _AT_ONCE)])
     raise ElvisError(f"expected a tolerance that some millions of triangles reach, found {tolerance:g}")
 
 

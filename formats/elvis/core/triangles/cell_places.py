@@ -8,12 +8,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Floats, Ints
 from elvis.core.integrals.subcells import subcell_map, subcell_points
 from elvis.core.mapping.orientation import chunks
 from elvis.core.quantities.element_points import ElementPoints
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
+from elvis.core.rows import Rows
 from elvis.core.triangles.cell_boxes import CellBoxes
 from elvis.core.wall_curves.chains import places_by_number
 
@@ -26,19 +27,12 @@ _NEWTON = 4
 
 
 @dataclass(frozen=True, eq=False)
-class CellPlaces:
+class CellPlaces(Rows):
     """Places (n, d) in [0, 1]^d of cells: numbers (n,) of groups of boxes, and rows (n,) of their patches."""
 
     group: Ints
     row: Ints
     place: Floats
-
-    def __len__(self) -> int:
-        return len(self.group)
-
-    def take(self, chosen: Ints | Bools) -> CellPlaces:
-        """Some of them."""
-        return CellPlaces(self.group[chosen], self.row[chosen], self.place[chosen])
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
 
 import numpy as np
 
@@ -28,6 +27,7 @@ from elvis.core.quantities.element_points import Lattice
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.expression_nets import NetsOf, degree_on, lattice_of, places_of
+from elvis.core.rows import Rows
 from elvis.core.shapes import Shape
 from elvis.core.streamlines.neighbours import Sides
 from elvis.core.triangles.interpolation_errors import interpolation_errors
@@ -48,12 +48,10 @@ _ROUNDING = 1e-13
 _ELEMENTS = 128
 #: height over a face, of its element's, below which corners of cells are on it
 _ON_FACE = 1e-9
-#: arrays of a block with a row for each box
-_BY_BOX = ("rows", "index", "levels", "maps", "slack", "outlines")
 
 
 @dataclass(frozen=True, eq=False)
-class CellBlock:
+class CellBlock(Rows):
     """Boxes of one of the cells of some elements of a patch.
 
     patch   number of the patch
@@ -82,17 +80,6 @@ class CellBlock:
     is_exact: bool
     noise: float
 
-    def take(self, chosen: Ints | Bools | slice) -> CellBlock:
-        """Some of the boxes."""
-        own = {name: getattr(self, name)[chosen] for name in _BY_BOX}
-        return replace(self, **own)
-
-    @staticmethod
-    def joined(parts: Sequence[CellBlock]) -> CellBlock:
-        """The boxes of several blocks of the same cells."""
-        own: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _BY_BOX}
-        return replace(parts[0], **own)
-
     def halved(self, axes: Sequence[int] | None = None) -> CellBlock:
         """The halves of each box in some directions, by default in all, that may have a zero."""
         rows, index, levels, maps, slack = self.rows, self.index, self.levels, self.maps, self.slack
@@ -110,7 +97,7 @@ class CellBlock:
             outlines = np.concatenate([low, high])
         near = ~has_one_sign(levels, slack, self.noise)
         whole = replace(self, rows=rows, index=index, levels=levels, maps=maps, slack=slack, outlines=outlines)
-        return whole.take(near)
+        return whole.part(near)
 
 
 def first_halvings(shape: Shape, is_mixed: bool) -> tuple[int, ...]:
@@ -260,7 +247,7 @@ def _blocks_of(nets: _CellNets, number: int, rows: Ints, noise: float, outlines:
             ends = (faces >= 0) & outlines[rows[near]][:, faces]
         own = rows[near], start, levels[near], maps, slack[near], ends, is_bounded
         whole = CellBlock(number, patch.shape, cell, (0,) * d, *own, noise)
-        yield from (whole.take(some) for some in chunks(len(whole.rows), _ELEMENTS))
+        yield from (whole.part(some) for some in chunks(len(whole.rows), _ELEMENTS))
 
 
 def _in_cell(shape: Shape, cell: int, places: Floats) -> Floats:

@@ -186,7 +186,7 @@ def _marched(cells: Cells, level: Expression) -> Marched:
 
     # triangles by the nodes of boxes, turned where the map from the box is left-handed
     _, first, which = np.unique(box, return_index=True, return_inverse=True)
-    is_left = cells.orientations(places.take(simplices[first, 0])) < 0
+    is_left = cells.orientations(places.part(simplices[first, 0])) < 0
     numbers = simplices[row[:, None, None], edges]
     turned = is_left[which[row]]
     numbers[turned] = numbers[turned][:, ::-1]
@@ -194,14 +194,14 @@ def _marched(cells: Cells, level: Expression) -> Marched:
     own = nodes.numbers[numbers]
     kept, triangles, chosen = _nodes(own, nodes.values == 0)
     ends = numbers.reshape(-1, 2)[chosen]
-    start, stop = (places.take(ends[:, k]) for k in (0, 1))
+    start, stop = (places.part(ends[:, k]) for k in (0, 1))
     points, t = _on_edges(cells, level, start, stop, nodes.values[nodes.numbers[ends]])
 
     starts = nodes.numbers[ends[:, 0]]
     shares = _own_shares(own[kept], nodes.values, starts[triangles], t[triangles])
     between = places.place[numbers[kept]]
     corners = between[:, :, 0] + shares[..., None] * (between[:, :, 1] - between[:, :, 0])
-    owners = places.take(numbers[kept, 0, 0])
+    owners = places.part(numbers[kept, 0, 0])
     return Marched(points, triangles, owners.group, owners.row, corners)
 
 

@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Floats, Ints
 from elvis.core.polynomials.boxnets import corners, halves
+from elvis.core.rows import Rows
 
 #: the part of a smallest value to which it is found, where halving can do it
 TOLERANCE = 1e-11
@@ -47,7 +48,7 @@ def least(nets: Floats, error: Floats, goal: Floats | None = None) -> Least:
 
 
 @dataclass(frozen=True, eq=False)
-class _Boxes:
+class _Boxes(Rows):
     """Boxes still in question: their polynomial (b,), corners in (1 + eta)/2 (b, d), net, smallest coefficient (b,)."""
 
     owner: Ints
@@ -59,9 +60,6 @@ class _Boxes:
     @staticmethod
     def of(owner: Ints, low: Floats, high: Floats, net: Floats) -> _Boxes:
         return _Boxes(owner, low, high, net, net.min(axis=tuple(range(1, net.ndim))))
-
-    def part(self, chosen: Bools) -> _Boxes:
-        return _Boxes(*(getattr(self, name)[chosen] for name in self.__dataclass_fields__))
 
     def halves(self) -> _Boxes:
         """Both halves of every box, across the direction in which it is most nonlinear."""

@@ -29,6 +29,7 @@ from elvis.core.polynomials.collapse import collapse, uncollapse
 from elvis.core.polynomials.evaluation import evaluate_at
 from elvis.core.ranges import Range
 from elvis.core.ranks import Ranks
+from elvis.core.rows import Rows
 from elvis.core.shapes import Shape
 from elvis.core.validity.descent import TOLERANCE, least
 from elvis.core.validity.determinants import Polynomials, determinant
@@ -283,7 +284,7 @@ def _first_facts(block: GeometryBlock, found: Polynomials, finite: Bools) -> _Fa
 
 
 @dataclass(eq=False)
-class _Facts:
+class _Facts(Rows):
     """As in `Validity`, but where space has more dimensions than the elements of the squares of lengths and areas.
 
     shapes   (n,)  numbers in `Shape`, of one byte
@@ -330,10 +331,6 @@ class _Facts:
         """Replace the facts of some elements."""
         for own in fields(_Facts):
             getattr(self, own.name)[rows] = getattr(part, own.name)
-
-    def part(self, rows: Ints) -> _Facts:
-        """The facts of some of the elements."""
-        return _Facts(*(getattr(self, own.name)[rows] for own in fields(self)))
 
     @property
     def status(self) -> Ints:

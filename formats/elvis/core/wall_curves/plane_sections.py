@@ -51,8 +51,8 @@ def section(pieces: Sequence[Piece], point: Floats, normal: Floats) -> Section:
         sides, scale = _distances(number, piece, point, normal)
         is_in_plane = np.abs(sides.coefficients).max(axis=(1, 2)) <= _ZERO * scale
         in_plane += int(is_in_plane.sum())
-        straight.append(_flat_edges(sides.take(~is_in_plane), scale))
-        found, rest = _graph_parts(sides.take(~is_in_plane))
+        straight.append(_flat_edges(sides.part(~is_in_plane), scale))
+        found, rest = _graph_parts(sides.part(~is_in_plane))
         graphs.append(_graphs(found, scale))
         touching.append(_places(piece, rest))
     return Section(graphs, joined_straight(straight), in_plane, np.concatenate(touching))
@@ -77,8 +77,8 @@ def _graph_parts(sides: Parts) -> tuple[Parts, Parts]:
     for _ in range(_DEPTH):
         gradient, bend, is_free = _bounds(rest)
         is_graph = np.linalg.norm(gradient, axis=1) > bend
-        done.append(rest.take(is_graph & ~is_free))
-        rest = rest.take(~is_graph & ~is_free)
+        done.append(rest.part(is_graph & ~is_free))
+        rest = rest.part(~is_graph & ~is_free)
         if not len(rest):
             break
         rest = _halved(rest)

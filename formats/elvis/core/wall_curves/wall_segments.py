@@ -12,7 +12,8 @@ from typing import Protocol
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Floats, Ints
+from elvis.core.rows import Rows
 
 #: Newton steps for a point of a graph, and the change relative to a side at which they end: one more step follows on
 #: the elements' own map (`wall_curve`)
@@ -55,7 +56,7 @@ class Straight:
 
 
 @dataclass(frozen=True, eq=False)
-class Parts:
+class Parts(Rows):
     """Convex parts of sides with a polynomial g of coordinates s on each: reference points are middle + size s.
 
     corners       3 for triangles with -1 <= s, s_0 + s_1 <= 0; 4 for squares with -1 <= s <= 1
@@ -71,20 +72,6 @@ class Parts:
     coefficients: Floats
     piece: Ints
     row: Ints
-
-    def __len__(self) -> int:
-        return len(self.size)
-
-    def take(self, chosen: Ints | Bools) -> Parts:
-        """Some of the parts."""
-        return Parts(
-            self.corners,
-            self.middle[chosen],
-            self.size[chosen],
-            self.coefficients[chosen],
-            self.piece[chosen],
-            self.row[chosen],
-        )
 
     def values(self, which: Ints, points: Floats) -> tuple[Floats, Floats]:
         """(n,) g and (n, 2) its gradient at points s (n, 2) of parts ``which`` (n,)."""

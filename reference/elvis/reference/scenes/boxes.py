@@ -12,6 +12,7 @@ from numpy.polynomial import chebyshev
 
 from elvis.core.arrays import Floats, Ints
 from elvis.core.bounded_cache import bounded_cache
+from elvis.core.rows import Rows
 from elvis.reference.scenes.equations import Linear
 from elvis.reference.scenes.zeros import transform
 
@@ -20,7 +21,7 @@ _ROUNDING, OVER = 1e-13, 1 / 32
 
 
 @dataclass(frozen=True, eq=False)
-class Boxes:
+class Boxes(Rows):
     """k boxes, t in [-1, 1]^d, with n functions on each.
 
     series   (k, n, c)  coefficients of tensor products of Chebyshev polynomials
@@ -34,9 +35,6 @@ class Boxes:
     halved: Ints
     degrees: tuple[int, ...]
 
-    def __len__(self) -> int:
-        return len(self.series)
-
     @staticmethod
     def through(values: Floats, degrees: tuple[int, ...]) -> Boxes:
         """Whole elements, by values (k, n, c) at the nodes (see `nodes`)."""
@@ -47,10 +45,6 @@ class Boxes:
         series = series.reshape(values.shape)
         return Boxes(series, np.abs(series).sum(axis=2), np.zeros((len(values), len(degrees)), np.int64), degrees)
 
-    def part(self, which: Ints) -> Boxes:
-        """Some of the boxes."""
-        return Boxes(self.series[which], self.sizes[which], self.halved[which], self.degrees)
-
     def halves(self, axis: int) -> Boxes:
         """The first and the second halves of all, along one direction."""
         shape = (*self.series.shape[:2], *(degree + 1 for degree in self.degrees))
@@ -59,12 +53,6 @@ class Boxes:
         series = series.reshape(-1, *self.series.shape[1:])
         halved = np.tile(self.halved + (np.arange(len(self.degrees)) == axis), (2, 1))
         return Boxes(series, np.tile(self.sizes, (2, 1)), halved, self.degrees)
-
-    @staticmethod
-    def concatenate(parts: list[Boxes]) -> Boxes:
-        """Several as one."""
-        series, sizes = (np.concatenate([getattr(part, name) for part in parts]) for name in ("series", "sizes"))
-        return Boxes(series, sizes, np.concatenate([part.halved for part in parts]), parts[0].degrees)
 
     @property
     def powers(self) -> Ints:

@@ -22,6 +22,7 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.patch import Patch
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.evaluation import evaluate
+from elvis.core.rows import Rows
 from elvis.reference.scenes.boxes import OVER, Boxes, nodes
 from elvis.reference.scenes.equations import Equation, Linear
 from elvis.reference.solids import map_lattice
@@ -37,7 +38,7 @@ _CHUNK, _FEW, _MOST = 32, 1 << 9, 1 << 16
 
 
 @dataclass(frozen=True, eq=False)
-class LineSegments:
+class LineSegments(Rows):
     """Line segments of contours in a picture, in columns and rows.
 
     ends    (k, 2, 2)  every zero of a box is within the radius of the line between these
@@ -56,10 +57,6 @@ class LineSegments:
         return LineSegments(
             *(np.concatenate([getattr(part, own.name) for part in every]) for own in fields(LineSegments))
         )
-
-    def part(self, which: Bools) -> LineSegments:
-        """Some of the segments."""
-        return LineSegments(self.ends[which], self.sure[which], self.radius[which])
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +107,7 @@ class Search:
             parts = [boxes.part(which).halves(axis) for axis, which in left if len(which)]
             if not parts:
                 break
-            boxes = Boxes.concatenate(parts)
+            boxes = Boxes.joined(parts)
         return found
 
     def _looked_at(self, boxes: Boxes) -> tuple[Boxes, LineSegments, Bools, Ints]:

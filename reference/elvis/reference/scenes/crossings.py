@@ -8,8 +8,9 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Floats, Ints
 from elvis.core.patch import Patch
+from elvis.core.rows import Rows
 from elvis.reference.hits import Hits, face_eye
 from elvis.reference.quantities import Quantities
 from elvis.scene.frame import Status
@@ -22,7 +23,7 @@ _ONE = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
-class Crossings:
+class Crossings(Rows):
     """Hits, sorted by pixel, then by depth.
 
     pixel      (k,)    row by row from the top
@@ -43,18 +44,11 @@ class Crossings:
     status: NDArray[np.uint8]
     uncertainty: Floats
 
-    def __len__(self) -> int:
-        return len(self.pixel)
-
     @staticmethod
     def none() -> Crossings:
         """No hit."""
         whole, vectors = np.empty(0, np.int64), np.empty((0, 3))
         return Crossings(whole, np.empty(0), whole, whole, vectors, vectors, np.empty(0, np.uint8), np.empty(0))
-
-    def part(self, which: Ints | Bools) -> Crossings:
-        """Some of the hits."""
-        return Crossings(*(getattr(self, own.name)[which] for own in fields(self)))
 
     @staticmethod
     def concatenate(parts: Sequence[Crossings]) -> Crossings:

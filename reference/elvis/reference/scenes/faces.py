@@ -7,7 +7,7 @@ distance of a triangle are its candidates, and Newton's method on the exact face
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.cutting import template
 from elvis.core.mapping.margins import TOLERANCE
 from elvis.core.patch import Patch
+from elvis.core.rows import Rows
 from elvis.reference.baseline.templates import pulling
 from elvis.reference.chebyshev import map_degrees
 from elvis.reference.scenes.crossings import Crossings
@@ -52,7 +53,7 @@ def face_crossings(
 
 
 @dataclass(frozen=True, eq=False)
-class _Triangles:
+class _Triangles(Rows):
     """Flat triangles in the place of curved faces.
 
     rows     (m,)       of their elements
@@ -67,10 +68,6 @@ class _Triangles:
     starts: Floats
     slack: Floats
     folded: Bools
-
-    def part(self, which: Ints) -> _Triangles:
-        """Some of the triangles."""
-        return _Triangles(*(getattr(self, own.name)[which] for own in fields(self)))
 
 
 def _triangles(patch: Patch, face: Face, rows: Ints, view: View) -> Iterator[_Triangles]:

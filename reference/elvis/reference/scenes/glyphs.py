@@ -8,11 +8,12 @@ used.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.rows import Rows
 from elvis.reference.quantities import Quantities
 from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.unions import INTERVAL, union
@@ -27,7 +28,7 @@ _GOLDEN, _STEPS, _HALVINGS, _AT_ONCE = 0.5 * (np.sqrt(5.0) - 1.0), 80, 60, 1 << 
 
 
 @dataclass(frozen=True, eq=False)
-class _Pairs:
+class _Pairs(Rows):
     """Rays and solids that they may meet.
 
     solid, pixel  (n,)    numbers
@@ -45,10 +46,6 @@ class _Pairs:
     radii: Floats
     origin: Floats
     unit: Floats
-
-    def part(self, which: Bools) -> _Pairs:
-        """Some of them."""
-        return _Pairs(*(getattr(self, own.name)[which] for own in fields(self)))
 
     def _aside(self, place: Floats) -> tuple[Floats, Floats]:
         """Heights (n,) of places (n,) along the rays, and vectors (n, 3) from the axis."""

@@ -10,13 +10,14 @@ is accepted if its halves agree with it, otherwise it is bisected.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.arrays import Floats, Ints, frozen_floats
 from elvis.core.bounded_cache import bounded_cache
 from elvis.core.polynomials.quadrature import gauss
+from elvis.core.rows import Rows
 from elvis.scene import Transfer
 from elvis.scene.time_limit import check_time
 
@@ -32,7 +33,7 @@ Values = Callable[[Ints, Floats], Sequence[Floats]]
 
 
 @dataclass(frozen=True, eq=False)
-class Light:
+class Light(Rows):
     """Emission and absorption of k stretches of rays.
 
     color  (k, 3) of the light at their beginnings
@@ -49,33 +50,21 @@ class Light:
         """(k,) absorbed shares of the light from behind."""
         return np.asarray(-np.expm1(-self.depth))
 
-    def part(self, which: Ints | Bools) -> Light:
-        """The light of some stretches."""
-        return Light(self.color[which], self.depth[which], self.error[which])
-
     def before(self, other: Light) -> Light:
         """These stretches, each with another one behind it."""
         passing = np.exp(-self.depth)
         color = self.color + passing[:, None] * other.color
         return Light(color, self.depth + other.depth, self.error + passing * other.error)
 
-    @staticmethod
-    def concatenate(parts: Sequence[Light]) -> Light:
-        """Several as one."""
-        return Light(*(np.concatenate([getattr(own, each.name) for own in parts]) for each in fields(Light)))
-
 
 @dataclass(frozen=True, eq=False)
-class _Parts:
+class _Parts(Rows):
     """Parts of rays: number of the stretch (k,), shares of its ends (k,), and transmittance to its beginning."""
 
     which: Ints
     low: Floats
     high: Floats
     weight: Floats
-
-    def part(self, chosen: Bools) -> _Parts:
-        return _Parts(self.which[chosen], self.low[chosen], self.high[chosen], self.weight[chosen])
 
     def halves(self) -> _Parts:
         """The first halves of all, then the second ones."""
@@ -126,7 +115,7 @@ class RayIntegral:
             halves.weight[size:] *= np.exp(-first.depth)
             left = np.tile(~right, 2)
             parts, known = halves.part(left), each.part(left)
-        return _compose(done, Light.concatenate(found), count)
+        return _compose(done, Light.joined(found), count)
 
     def _light_of(self, parts: _Parts) -> Light:
         """The light of parts by Gauss's rule, with only the error of rounding."""

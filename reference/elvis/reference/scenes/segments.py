@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Floats, Ints
 from elvis.core.patch import Patch
+from elvis.core.rows import Rows
 from elvis.reference.locating import Locator
 from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.faces import face_crossings
@@ -23,7 +24,7 @@ _SHARED = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Segments:
+class Segments(Rows):
     """Segments of rays through elements of one patch.
 
     pixel        (k,)    row by row from the top
@@ -38,13 +39,6 @@ class Segments:
     far: Floats
     first: Floats
     last: Floats
-
-    def __len__(self) -> int:
-        return len(self.pixel)
-
-    def part(self, which: Ints | Bools) -> Segments:
-        """Some of the segments."""
-        return Segments(**{name: column[which] for name, column in vars(self).items()})
 
     def and_also(self, other: Segments) -> Segments:
         """These segments and others."""

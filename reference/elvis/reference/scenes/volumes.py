@@ -122,7 +122,7 @@ class VolumeRays:
             rounding = np.column_stack([self._rounding(name, some) for name, _ in media])
             transfers = [transfer for _, transfer in media]
             found.append(RayIntegral(values, transfers, lengths(some, self.view), rounding, degree).light())
-        return Light.concatenate(found)
+        return Light.joined(found)
 
     def _rounding(self, name: str, segments: Segments) -> Floats:
         """(k,) maximum error of a quantity in segments: its rounding, plus rounding of positions times its gradient."""

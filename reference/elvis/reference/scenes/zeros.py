@@ -16,6 +16,7 @@ from numpy.polynomial import chebyshev
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.bounded_cache import bounded_cache
+from elvis.core.rows import Rows
 from elvis.scene.time_limit import check_time
 
 #: functions ``which`` (k,) at places (k, m) of [0, 1]: (k, m) values, NaN if there are none
@@ -55,15 +56,12 @@ class Zeros:
 
 
 @dataclass(frozen=True, eq=False)
-class _Parts:
+class _Parts(Rows):
     """Parts of [0, 1]: numbers of functions (k,), and their ends (k,)."""
 
     which: Ints
     low: Floats
     high: Floats
-
-    def some(self, chosen: Bools | Ints) -> _Parts:
-        return _Parts(self.which[chosen], self.low[chosen], self.high[chosen])
 
     def halves(self) -> _Parts:
         """The first halves of all, then the second ones."""
@@ -104,17 +102,17 @@ def zeros(along: Along, degree: int, accuracy: Floats, noise: Floats | float = 0
         near = ~(np.abs(coefficients[:, 0]) > 3 * np.abs(coefficients[:, 1:]).sum(axis=1))
         asked = np.flatnonzero(ready & near)
         off_by = np.zeros(len(ready))
-        off_by[asked] = _between_nodes(along, parts.some(asked), coefficients[asked])
+        off_by[asked] = _between_nodes(along, parts.part(asked), coefficients[asked])
         ready &= off_by <= np.maximum(_CHECKED * size, inexact)
 
         # the error in the last coefficients, including rounding, is in all others as well
         error = np.maximum(np.maximum((degree + 2) * rest, _SURE * off_by), inexact)
-        found += _separate(parts.some(ready), coefficients[ready], error[ready])
+        found += _separate(parts.part(ready), coefficients[ready], error[ready])
 
         open_ = ~ready & near
         if depth == _PARTED:
             found += _unresolved(parts, values, usual, open_)
-        parts = parts.some(open_).halves()
+        parts = parts.part(open_).halves()
     return Zeros.concatenate(found)
 
 
@@ -128,10 +126,10 @@ def _unresolved(parts: _Parts, values: Floats, usual: Floats, is_open: Bools) ->
     with np.errstate(invalid="ignore"):
         same = (values > 0).all(axis=1) | (values < 0).all(axis=1)
         small = np.abs(values).max(axis=1) <= usual[parts.which]
-    left = parts.some(is_open & ~same & ~np.isnan(values).all(axis=1))
+    left = parts.part(is_open & ~same & ~np.isnan(values).all(axis=1))
 
     # a kink may touch zero, where a pole is far from it
-    touched = parts.some(is_open & same & small)
+    touched = parts.part(is_open & same & small)
     return [
         left.zeros(np.zeros(len(left.which)), rough=True),
         touched.zeros(np.zeros(len(touched.which)), double=True, rough=True),
@@ -158,20 +156,20 @@ def _separate(parts: _Parts, coefficients: Floats, error: Floats) -> list[Zeros]
         check_time()
         sizes = np.abs(coefficients)
         kept = ~(sizes[:, 0] - sizes[:, 1:].sum(axis=1) > error)
-        parts, coefficients, error = parts.some(kept), coefficients[kept], error[kept]
+        parts, coefficients, error = parts.part(kept), coefficients[kept], error[kept]
         derivatives = np.abs(coefficients @ _derivatives(coefficients.shape[1] - 1))
         single = 2 * derivatives[:, 0] - derivatives.sum(axis=1) > (len(signs) - 1) ** 2 * error
         flat = (np.abs(coefficients).sum(axis=1) <= error) | (depth == _HALVED)
         first, last = coefficients @ signs, coefficients.sum(axis=1)
         crossed = ((first > 0) != (last > 0)) & single & ~flat
-        found.append(parts.some(crossed).zeros(_bisect(coefficients[crossed])))
+        found.append(parts.part(crossed).zeros(_bisect(coefficients[crossed])))
         ended = ~crossed & single & ~flat & (np.minimum(np.abs(first), np.abs(last)) <= error)
-        found.append(parts.some(ended).zeros(np.where(np.abs(first) <= np.abs(last), -1.0, 1.0)[ended]))
-        found.append(parts.some(flat).zeros(np.zeros(int(flat.sum())), double=True))
+        found.append(parts.part(ended).zeros(np.where(np.abs(first) <= np.abs(last), -1.0, 1.0)[ended]))
+        found.append(parts.part(flat).zeros(np.zeros(int(flat.sum())), double=True))
         more = ~single & ~flat
         if not more.any():
             break
-        parts, error = parts.some(more).halves(), np.tile(error[more], 2)
+        parts, error = parts.part(more).halves(), np.tile(error[more], 2)
         coefficients = np.concatenate([coefficients[more] @ own for own in halve])
     return found
 

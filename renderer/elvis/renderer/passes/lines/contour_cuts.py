@@ -72,7 +72,7 @@ class CutChart:
             away = samples.position.reshape(count, -1, 3) - middle.position[:, None]
             places = np.einsum("nki,km->nim", away, fit)
             found.append(_derivatives(space, places, middle, self._slopes(own, values)))
-        return Derivatives.concatenate(found)
+        return Derivatives.joined(found)
 
     def _slopes(self, elements: Ints, values: Floats) -> Slopes:
         """Slopes of the field in elements (n,), by index, with nets (n, count) if it is a polynomial."""

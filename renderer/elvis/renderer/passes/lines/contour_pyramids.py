@@ -65,7 +65,7 @@ class PyramidChart(CutChart):
             found.append(Derivatives(bend, unknown, unknown, unknown, unknown, middle.position, inverse))
         self._known = elements
         self._nets = {"places": np.concatenate(places), "values": np.concatenate(values)}
-        return Derivatives.concatenate(found)
+        return Derivatives.joined(found)
 
     def localised(self, bounds: Derivatives, elements: Ints, centre: Floats) -> Derivatives:
         """The bounds of the boxes that contain positions (n, 3) in elements (n,)."""

@@ -23,6 +23,7 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.mapping.orientation import chunks
+from elvis.core.rows import Rows
 from elvis.core.shapes import Shape
 
 #: cells of a square's side, one after the other
@@ -34,7 +35,7 @@ ROUNDING = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
-class Derivatives:
+class Derivatives(Rows):
     """Bounds for each of n elements, on a neighbourhood of the shape.
 
     bend, turn           b and m of the map (see elvis.plugins.native.bending)
@@ -52,19 +53,9 @@ class Derivatives:
     centre: Floats
     inverse: Floats
 
-    def part(self, chosen: Ints) -> Derivatives:
-        """Derivatives of some elements."""
-        return Derivatives(*(array[chosen] for array in vars(self).values()))
-
-    @staticmethod
-    def concatenate(several: list[Derivatives]) -> Derivatives:
-        """Several as one."""
-        arrays = zip(*(vars(some).values() for some in several), strict=True)
-        return Derivatives(*(np.concatenate(parts) for parts in arrays))
-
 
 @dataclass(frozen=True, eq=False)
-class Items:
+class Items(Rows):
     """Squares of pixels (n,), each with an element (index) and reference coordinates near its centre.
 
     start  (n, 3), NaN where none are known
@@ -73,10 +64,6 @@ class Items:
     pixel: Ints
     element: Ints
     start: Floats
-
-    def part(self, chosen: Ints) -> Items:
-        """Some of the items."""
-        return Items(self.pixel[chosen], self.element[chosen], self.start[chosen])
 
 
 class Chart(Protocol):
