@@ -451,3 +451,18 @@ def test_errors_of_inverse_maps_have_all_their_terms(monkeypatch, shape):
     counted = size * ((1 + COARSE) ** (d + 1) - 1) + COARSE
     assert (maps.error >= counted).all()
     assert (maps.error <= 4 * counted).all()
+
+
+def test_largest_differences_are_of_either_sign_and_less_than_their_rounding():
+    """On a segment from -0.5 to 0.5 of an element, of whose ends both are in the other one."""
+    affine = SimpleNamespace(matrix=np.ones((1, 1, 1)), origin=np.array([[0.1]]))
+    pairs = overlaps._Pairs.__new__(overlaps._Pairs)
+    pairs._inner = SimpleNamespace(affine=affine, patch=SimpleNamespace(shape=Shape.SEGMENT))
+    pairs._outer = SimpleNamespace(patch=SimpleNamespace(element_ids=np.array([7])))
+    pairs._search, pairs._is_ours = SimpleNamespace(best=SimpleNamespace(value=2.0)), True
+    first = np.zeros(1, int)
+    boxes = SimpleNamespace(places=np.array([[[-0.5, 0.5]]]), rows=first, others=first)
+    pairs._improve(boxes, np.array([[-3.0, 1.0]]), np.array([0.25]))
+    best = pairs._search.best
+    assert (best.value, best.element) == (2.75, 7)
+    assert np.allclose(best.position, [-0.4, 0, 0])
