@@ -864,3 +864,14 @@ def test_steepness_is_that_of_derivatives_whatever_degrees_and_sizes_are():
     for own, slope in ((None, slopes), (sizes, slopes / sizes)):
         found = graph_orders._steepness_by_axis(nets, own).swapaxes(0, 1)
         assert found == pytest.approx(slope / slope.max(axis=1, keepdims=True), rel=1e-12)
+
+
+def test_majorants_are_sums_of_magnitudes_at_the_radii_of_their_columns():
+    """Or at the first radius where theirs is smaller in all rows."""
+    rng = np.random.default_rng(9)
+    coefficients = rng.normal(size=(COUNT, 3, 2, 2))
+    first, second = rng.uniform(1, 2, (COUNT, 1)) * [1.0, 1.5, 0.5], rng.uniform(0.5, 1, (COUNT, 3))
+    r = np.maximum(first, first[:, :1])[..., None] ** np.arange(3)
+    s = second[..., None] ** np.arange(2)
+    expected = np.einsum("nabc,nqa,nqb->nqc", np.abs(coefficients), r, s)
+    assert taylor.majorants(coefficients, first, second) == pytest.approx(expected, rel=1e-12)

@@ -8,7 +8,7 @@ import pytest
 from claims import TEETH, check
 from numpy.polynomial import Chebyshev, chebyshev
 
-from elvis.core.chebyshev_models import model, series
+from elvis.core.chebyshev_models import expression_models, model, series
 from elvis.core.chebyshev_models.model import ChebyshevModel, leibniz
 from elvis.core.chebyshev_models.series import ORDERS, REACH, ROOM, amplification, growth, nodes, steepness
 from elvis.core.differences import difference
@@ -294,3 +294,12 @@ def test_elements_are_doubtful_if_their_determinant_may_be_within_its_error(part
     piece = SimpleNamespace(error_at=lambda factor: np.full(1, 0.1), boxes=lambda low, high: nets)
     search = SimpleNamespace(_known=SimpleNamespace(scale=5.0), _typical=1.0, _note=lambda *_: None)
     assert largest_scale._Search._doubtful(search, [(0, piece)], 0.0, 1.0) == is_doubtful
+
+
+def test_models_of_eighths_are_bounded_by_their_mean_of_either_sign():
+    """Constants -2 and 3 that are off by 0.1."""
+    coefficients = np.zeros((2, 3, 3, 3))
+    coefficients[:, 0, 0, 0] = [-2.0, 3.0]
+    leaves = SimpleNamespace(_series=lambda *_: (coefficients, np.zeros(2)), _remainder=lambda *_: (np.full(2, 0.1),))
+    found = expression_models.LeavesOfEighths._evaluated(leaves, 0, (0, 0, 0))
+    assert found.bounds == pytest.approx(np.repeat([2.1, 3.1], 8), rel=1e-9)

@@ -1,5 +1,7 @@
 """Parts of streamlines by themselves: entry into elements, directions of ribbons at their seeds, limits."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -14,7 +16,7 @@ from elvis.core.streamlines.entries import ALONG, ON_SIDE, taking_up
 from elvis.core.streamlines.line_pieces import Pieces, Steps, _curved, check_count, resting
 from elvis.core.streamlines.line_steps import Piece
 from elvis.core.streamlines.neighbours import Neighbours
-from elvis.core.streamlines.ribbons import _directions, _turned, at_seeds
+from elvis.core.streamlines.ribbons import _directions, _turned, _with_length, at_seeds
 from elvis.core.streamlines.velocity import Velocity
 from elvis.core.testing import grid
 
@@ -114,3 +116,13 @@ def test_curves_of_steps_end_where_the_steps_do(monkeypatch):
     assert steps.nets[:, -1] == pytest.approx(end, rel=1e-14)
     added = np.linspace(0, 1, 8)[:, None] * (end - nets[:, -1])[:, None]
     assert steps.nets == pytest.approx(nets + added, rel=1e-13, abs=1e-14)
+
+
+@pytest.mark.parametrize(("part", "is_kept"), [(0.99, False), (1.01, True)])
+def test_pieces_count_if_they_are_longer_than_rounding_of_their_places(part, is_kept):
+    """Places may have negative coordinates, of which the largest magnitude counts."""
+    points = np.zeros((1, 8, 3))
+    points[0, 0] = [1.0, -1000.0, 10.0]
+    points[0, 3, 2] = part * 1e-10 * 1000.0
+    pieces = SimpleNamespace(points=points, part=lambda chosen: len(chosen))
+    assert _with_length(pieces) == is_kept

@@ -13,8 +13,9 @@ from numpy.polynomial import chebyshev
 from elvis.core.distances.search import _angle
 from elvis.core.distances.surface_patches import CORNERS
 from elvis.core.polynomials.bernstein import BernsteinSpace
+from elvis.core.quantities.tree import call, coordinate, number
 from elvis.core.shapes import Shape
-from elvis.plugins.native import elements, polynomials
+from elvis.plugins.native import elements, polynomials, rounding
 from elvis.plugins.native.bending import BEYOND, changes, net_of_xi, rational_changes
 from elvis.plugins.native.polynomials import Net
 from elvis.plugins.native.regions import Neighbourhood
@@ -407,3 +408,21 @@ def solved(jacobian, point):
     whole = determinant(j)
     with_point = [[[p[r] if c == k else j[r][c] for c in range(3)] for r in range(3)] for k in range(3)]
     return [float(determinant(matrix) / whole) for matrix in with_point]
+
+
+@pytest.mark.parametrize("ends", [(-3.0, 1.0), (-1.0, 3.0)])
+def test_expressions_are_rounded_in_proportion_to_the_end_of_larger_magnitude(ends):
+    class Cells:
+        patch = SimpleNamespace(shape=Shape.HEXAHEDRON)
+
+        def bounds(self, node):
+            return np.full(1, ends[0]), np.full(1, ends[1])
+
+        def __len__(self):
+            return 1
+
+    root = call("*", coordinate(0), number(2.0))
+    (found,) = rounding.expression_rounding(root, Cells(), lambda name: np.zeros(1), 2)
+    # the coordinate by Horner's scheme, and the product
+    expected = (2 * rounding._horner(3, 2, False) + 2) * rounding.UNIT * 3.0
+    assert found == pytest.approx(expected, rel=1e-6)
