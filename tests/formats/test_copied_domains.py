@@ -9,7 +9,8 @@ from elvis.core.copied_domains import SLACK, _boxes_meet, _relative, check_mirro
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.isometries import Isometry
-from elvis.core.quantities.moved_expressions import components
+from elvis.core.quantities.moved_expressions import _agree, components
+from elvis.core.quantities.tree import call, coordinate, number
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
 
@@ -86,3 +87,9 @@ def test_copies_overlap_and_mirrors_cut_beyond_the_slack_only(away):
             check_mirror(dataset, [Isometry()], (end + 2 * way * slack) * x, -x)
     with pytest.raises(ElvisError, match="cuts the domain"):
         check_mirror(dataset, [Isometry(), Isometry.translation(2 * x)], (away + 1.5) * x, x)
+
+
+def test_expressions_that_differ_at_negative_values_are_not_the_same():
+    x = coordinate(0)
+    assert not _agree(call("sqrt", call("*", x, x)), x)
+    assert _agree(call("+", x, x), call("*", number(2.0), x))
