@@ -16,9 +16,11 @@ from elvis import (
     Clip,
     Cone,
     Contours,
+    Copies,
     CutSurface,
     Cylinder,
     Dataset,
+    Deform,
     Faces,
     Glyphs,
     Implicit,
@@ -26,12 +28,15 @@ from elvis import (
     Lic,
     MeshLines,
     Plane,
+    Repeat,
+    Scene,
     Sphere,
     Streamlines,
     Style,
     Transfer,
     TriangleMesh,
     VolumeRendering,
+    render,
 )
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple
@@ -63,6 +68,7 @@ OBJECTS = {
     "line integral convolution": (Faces(style=Style(lic=STREAKS)), CutSurface(PLANE, Style(lic=STREAKS))),
     "isosurface": (Isosurface((0.7,)),),
     "isosurface of an expression": (Isosurface((1.5,), "exp(u) - v"),),
+    "isosurface of Q": (Isosurface((0.0,), "q_criterion"),),
     "volume": (VolumeRendering(HAZE),),
     "volume of an expression": (VolumeRendering(HAZE, "exp(u) - v"),),
     "volumes together": (VolumeRendering(HAZE), VolumeRendering(HAZE, "v")),
@@ -75,6 +81,11 @@ OBJECTS = {
     "distances": (CutSurface(PLANE, Style(quantity="distance(all)")),),
     "derivatives": (CutSurface(PLANE, Style(quantity="d(u, x)")),),
 }
+#: what is drawn of straight elements, on which it takes seconds
+STRAIGHT = {
+    **{kind: OBJECTS[kind] for kind in ("isosurface", "volume", "faces")},
+    "isosurface of lambda2": (Isosurface((-0.5,), "lambda2"),),
+}
 #: what is drawn without the regions in these clips
 CLIPPED = {
     "clipped surfaces": (Faces(), CutSurface(PLANE)),
@@ -83,6 +94,16 @@ CLIPPED = {
     "clipped streamlines": OBJECTS["streamlines"],
 }
 CLIPS = (Clip(Sphere((1.0, 0.0, 1.0), 0.6)), Clip(Implicit("u - 0.7*v - 0.3")))
+#: surfaces, an isosurface, a volume and lines
+EVERYTHING = (Faces(style=Style(opacity=0.5)), CutSurface(PLANE), *OBJECTS["isosurface"], *OBJECTS["volume"])
+EVERYTHING += (*OBJECTS["streamlines"], *OBJECTS["arrows"])
+#: scenes of other geometry
+ELSEWHERE = {
+    "copies": {
+        "copies": Copies(mirror=(Plane((1.1, 0.0, 0.0), (1.0, 0.0, 0.0)),), repeat=(Repeat((0.0, 1.5, 0.0), 2),))
+    },
+    "deformed geometry": {"deform": Deform("u,v,w", scale=0.05, undeformed="mesh")},
+}
 FLOW_IN_PLANE = "u,v"
 SEEDS_IN_PLANE = ("point:0.4,0.3,0",)
 IN_PLANE = {
@@ -94,6 +115,7 @@ IN_PLANE = {
 }
 #: kinds whose kernels are close to those of others
 AKIN = (
+    "isosurface of Q",
     "cuts by other surfaces",
     "transparent faces",
     "volume of an expression",
@@ -112,11 +134,17 @@ CLOSE = 1e-12
 #: the same of shades of isosurfaces of expressions, whose normals are derivatives of polynomials that are fitted on
 #: small parts of elements: rounding is divided by the size of the part
 CLOSE_SHADES = 1e-9
+FITTED = ("isosurface of an expression", "isosurface of Q", "isosurface of lambda2")
 
 
 def kinds(objects):
     """The names of objects as parameters; thorough tests draw those whose kernels are close to others'."""
     return [pytest.param(kind, marks=pytest.mark.thorough if kind in AKIN else ()) for kind in objects]
+
+
+def shades_of(kind):
+    """How close the shades of a kind of object are."""
+    return CLOSE_SHADES if kind in FITTED else CLOSE
 
 
 def shapes(dimension):
@@ -193,7 +221,11 @@ def blade(tmp_path_factory):
 
 def check_same_frames(draw, data, shades=CLOSE, **scene):
     """Check that the CPU and Vulkan draw the same elements, statuses, values, depths, and colours up to ``shades``."""
-    cpu, vulkan = (draw(data, device, **scene) for device in ("cpu", "vulkan"))
+    check_same(*(draw(data, device, **scene) for device in ("cpu", "vulkan")), shades)
+
+
+def check_same(cpu, vulkan, shades=CLOSE):
+    """Check that two frames have the same elements, statuses, values, depths, and colours up to ``shades``."""
     assert np.ptp(vulkan.color, axis=(0, 1)).max() > 0.1
     assert np.array_equal(cpu.element, vulkan.element)
     assert np.array_equal(cpu.status, vulkan.status)
@@ -205,8 +237,7 @@ def check_same_frames(draw, data, shades=CLOSE, **scene):
 @pytest.mark.parametrize("shape", shapes(3))
 @pytest.mark.parametrize("kind", kinds(OBJECTS))
 def test_the_cpu_matches_vulkan(draw, solution, kind, shape):
-    shades = CLOSE_SHADES if kind == "isosurface of an expression" else CLOSE
-    check_same_frames(draw, solution(shape), shades, objects=OBJECTS[kind], **VIEW)
+    check_same_frames(draw, solution(shape), shades_of(kind), objects=OBJECTS[kind], **VIEW)
 
 
 @pytest.mark.sampled(free=("shape",))
@@ -223,11 +254,33 @@ def test_the_cpu_matches_vulkan_in_a_plane(draw, solution, kind, shape):
     check_same_frames(draw, solution(shape), objects=IN_PLANE[kind], size=VIEW["size"])
 
 
+@pytest.mark.sampled(free=("shape",))
+@pytest.mark.parametrize("shape", shapes(3))
+def test_the_cpu_draws_copies_as_vulkan_does(solution, shape):
+    scene = Scene("u", objects=OBJECTS["faces"], **ELSEWHERE["copies"], **VIEW)
+    check_same(*(render(solution(shape), scene, device=device) for device in ("cpu", "vulkan")))
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize("shape", shapes(3))
-@pytest.mark.parametrize("kind", ["isosurface", "volume", "faces"])
+@pytest.mark.parametrize("kind", ELSEWHERE)
+def test_the_cpu_draws_other_geometry_as_vulkan_does(solution, kind, shape):
+    scene = Scene("u", objects=EVERYTHING, **ELSEWHERE[kind], **VIEW)
+    check_same(*(render(solution(shape), scene, device=device) for device in ("cpu", "vulkan")))
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("shape", shapes(2))
+def test_the_cpu_draws_height_surfaces_as_vulkan_does(solution, shape):
+    scene = Scene("u", deform=Deform(height="u", walls=True, undeformed="faces"), **VIEW)
+    check_same(*(render(solution(shape), scene, device=device) for device in ("cpu", "vulkan")))
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("shape", shapes(3))
+@pytest.mark.parametrize("kind", STRAIGHT)
 def test_the_cpu_matches_vulkan_on_straight_elements(draw, solution, kind, shape):
-    check_same_frames(draw, solution(shape, bend=0.0), objects=OBJECTS[kind], **VIEW)
+    check_same_frames(draw, solution(shape, bend=0.0), shades_of(kind), objects=STRAIGHT[kind], **VIEW)
 
 
 DRAW_A_SPHERE = """
