@@ -28,6 +28,7 @@ FOUND = {
     "coordinates": 3 * DISC,
     "gradient": 3 * DISC,
     "turned": 9 * DISC,
+    "narrowed": 1,
     "parts": 4 * len(LINE_AXES),
     "off": 1,
     "fixed": 1,
@@ -61,6 +62,7 @@ class Rays:
         self.e, self.errors = rng.integers(9, size=COUNT), rng.uniform(1e-3, 1e-2, (COUNT, LEAVES))
         self.errors[1::2] *= 1e-8
         self.back, self.forward = rng.uniform(0.02, 0.2, (2, COUNT))
+        self.chord = np.resize([1e-5, 0.0, 1e-3, 0.0], COUNT)
         self.measured, self.net = rng.uniform(0, 1e-3, COUNT), rng.uniform(0, 1, (COUNT, 4))
         self.far = np.where(np.arange(COUNT) % 5, 0.01, 10.0)
         # points of the ray, found from guesses by one step of Newton's method
@@ -75,7 +77,7 @@ class Rays:
         return np.linalg.solve(jets[..., 1:], (target - jets[..., 0])[..., None])[..., 0]
 
     def rows(self):
-        first = [self.r, self.direction, np.stack([self.time, self.e], axis=1), self.guess]
+        first = [self.r, self.direction, np.stack([self.time, self.e], axis=1), self.guess, self.chord[:, None]]
         last = np.stack([self.back, self.forward, self.measured, self.far, np.zeros(COUNT)], axis=1)
         return np.concatenate([*first, last, self.net], axis=1)
 
@@ -180,16 +182,27 @@ def test_points_of_rays_stay_within_reach_and_fields_within_discs(rays, enclosed
         assert part.max() > (0.9 if name in ("fields", "coordinates") else 0.1), name
 
 
+def regions(way, turns, room, placed):
+    """The first ellipse (n,) that contains Kantorovich's ball, -1 if none does, and its radius (n,)."""
+    part = 2 * turns * way[:, None]
+    with np.errstate(invalid="ignore"):
+        reach = 2 * way[:, None] / (1 + np.sqrt(1 - part)) + placed[:, None]
+    holds = (part < 0.98) & (reach <= room)
+    holds &= np.logical_and.accumulate(part < 0.98, axis=1)
+    first = np.where(holds.any(axis=1), np.argmax(holds, axis=1), -1)
+    return first, reach[np.arange(len(way)), first]
+
+
 def test_parts_of_enclosures_follow_from_derivatives(rays, enclosed):
     """Kantorovich's reach on the first ellipse that holds it, and errors of places times derivatives."""
     bends, placed, rows = bends_of(rays), enclosed["placed"], np.arange(COUNT)
     inverse = np.abs(enclosed["inverse"])
     turns = np.einsum("nij,nje->nie", inverse, bends[:, :3, :, 1]).max(axis=1)
     assert enclosed["turn"] == pytest.approx(turns[rows, rays.e], rel=1e-12, abs=0)
-    rounding = 1e-14 + np.einsum("nij,nj->ni", inverse, rays.errors[:, :3]).max(axis=1)
+    moved = np.einsum("nij,nj->ni", inverse, rays.errors[:, :3]).max(axis=1)
     step = np.abs(rays.r - rays.guess).max(axis=1)
     newton = np.where(64 * turns[:, 0] * step <= 1, 5 * turns[:, 0] * step**2, np.inf)
-    assert placed == pytest.approx(rounding + newton, rel=1e-9, abs=0)
+    assert placed == pytest.approx(1e-14 + newton + 8 * (moved + 2 * rays.chord), rel=1e-9, abs=0)
     jets = jets_of(rays.coefficients, rays.r[:, None])[:, 0]
     jacobians = jets[:, :3, 1:]
     assert enclosed["inverse"] @ jacobians == pytest.approx(np.tile(np.eye(3), (COUNT, 1, 1)), abs=1e-12)
@@ -205,17 +218,21 @@ def test_parts_of_enclosures_follow_from_derivatives(rays, enclosed):
         room = np.where(axis * c <= 1, np.sqrt((1 - c**2) * (axis**2 - 1)), axis - c).min(axis=2).T
     assert enclosed["room"] == pytest.approx(room[rows, rays.e], rel=1e-12, abs=0)
 
-    way = np.abs(speed).max(axis=1) * rays.time
-    part = 2 * turns * way[:, None]
-    with np.errstate(invalid="ignore"):
-        reach = 2 * way[:, None] / (1 + np.sqrt(1 - part)) + placed[:, None]
-    holds = (part < 0.98) & (reach <= room)
-    holds &= np.logical_and.accumulate(part < 0.98, axis=1)
-    first = np.where(holds.any(axis=1), np.argmax(holds, axis=1), -1)
+    ways = np.abs(speed).max(axis=1)
+    first, reach = regions(ways * rays.time, turns, room, placed)
     known = enclosed["known"] > 0
     assert np.array_equal(known, first >= 0)
     assert np.array_equal(enclosed["ellipse"][known], first[known])
-    assert enclosed["reach"][known] == pytest.approx(reach[rows, first][known], rel=1e-12, abs=0)
+    assert enclosed["reach"][known] == pytest.approx(reach[known], rel=1e-12, abs=0)
+
+    # points of a part, from the Jacobians on the ball that contains them
+    inside, radius = regions(ways * np.maximum(rays.back, rays.forward), turns, room, placed)
+    change = turns[rows, inside] * radius
+    with np.errstate(divide="ignore", invalid="ignore"):
+        narrowed = 1e-14 + newton + (moved + 2 * change * rays.chord) / (1 - change)
+    narrowed = np.where((inside >= 0) & (change < 1), np.minimum(narrowed, placed), placed)
+    assert enclosed["narrowed"] == pytest.approx(narrowed, rel=1e-9, abs=0)
+    assert (enclosed["narrowed"] < placed).any()
 
     # errors of fields, positions and derivatives
     size, degree = np.abs(jets[:, 3:, 1:]).sum(axis=2), 2
@@ -242,10 +259,31 @@ def test_parts_of_enclosures_follow_from_derivatives(rays, enclosed):
 def test_points_that_newtons_method_finds_are_as_close_to_the_ray_as_their_last_step_says(rays, enclosed):
     """The map's polynomials and the steps are computed here; steps that are too long prove nothing."""
     away = np.abs(rays.r - rays.on_ray).max(axis=1)
-    error = enclosed["placed"]
+    error = enclosed["narrowed"]
     assert (away <= error).all()
     assert np.isinf(error).any()
     assert (away / error).max() > 0.02
+
+
+def test_steps_with_the_jacobian_of_another_point_end_as_close_to_the_ray_as_stated(rays, enclosed):
+    """The bound of `Place.narrow`, for points and guesses in balls around s where the largest turn is known."""
+    rng = np.random.default_rng(3)
+    inverse, share = enclosed["inverse"], []
+    turns = np.einsum("nij,nje->nie", np.abs(inverse), bends_of(rays)[:, :3, :, 1]).max(axis=1)
+    for radius in (0.02, 0.1, 0.2):
+        there, guess, true = rays.r + radius * rng.uniform(-1, 1, (3, COUNT, 3))
+        target = jets_of(rays.coefficients, true[:, None])[:, 0, :3, 0]
+        jets = jets_of(rays.coefficients, np.stack([there, guess], axis=1))[:, :, :3]
+        step = np.linalg.solve(jets[:, 0, :, 1:], (target - jets[:, 1, :, 0])[..., None])[..., 0]
+        end = guess + step
+        ball = np.maximum(radius, np.abs(end - rays.r).max(axis=1))
+        k = turns[:, 2] * ball
+        inside = (k < 1) & (np.abs(rays.r).max(axis=1) + ball < 1)
+        error, length = np.abs(end - true).max(axis=1), np.abs(step).max(axis=1)
+        share.extend((error / (2 * k * length / (1 - k)))[inside])
+    assert len(share) > COUNT
+    assert max(share) <= 1
+    assert max(share) > 0.05
 
 
 def test_differences_from_polynomials_along_rays_take_the_best_proof(rays, enclosed):

@@ -3,11 +3,14 @@
 import numpy as np
 import pytest
 from kernel_functions import parted, rows_of, width_of
+from numpy.polynomial import Polynomial
+
+from elvis.renderer.traversal import hermite_weights
 
 COUNT, NODES = 48, 8
 POWERS = np.array([[k % 3, k // 3 % 3, k // 9] for k in range(27)])
 FOUND = {
-    **dict.fromkeys(["mean", "parabola", "cubic"], 3),
+    **dict.fromkeys(["mean", "parabola", "cubic", "quintic"], 3),
     "net": 4,
     **dict.fromkeys(["error", "found", "depth", "value"], 1),
     **dict.fromkeys(["middle", "last", "rate"], 3),
@@ -29,6 +32,7 @@ class Rays:
         self.curves = some(-1, 1, 4, 3)
         self.first, self.last = some(0, 1), some(2, 3)
         self.to, self.before = some(1.5, 1.9), some(-1, -0.5)
+        self.earlier = np.column_stack([some(-3, -2), some(-1, 1, 3), some(-1, 1, 3)])
         self.polynomials = some(-0.02, 0.02, 5, 27)
         self.polynomials[:, [0, 1, 2], [1, 3, 9]] += 1.0
         self.polynomials[:, 3:] *= 50
@@ -79,6 +83,15 @@ class Rays:
         powers = z[:, None] ** k if order == 0 else k * z[:, None] ** np.maximum(k - 1, 0)
         return np.einsum("nk,nkc->nc", powers, self.curves)
 
+    def quintic(self):
+        """Values (n, 3) at `to` of the polynomials of degree 5 through three points with their derivatives."""
+        at, k = np.stack([self.first, self.before, self.earlier[:, 0]], axis=1)[..., None], np.arange(6)
+        conditions = np.concatenate([at**k, k * at ** np.maximum(k - 1, 0)], axis=1)
+        points = [self.curve(self.first), self.curve(self.before), self.earlier[:, 1:4]]
+        rates = [self.curve(self.first, 1), self.curve(self.before, 1), self.earlier[:, 4:]]
+        coefficients = np.linalg.solve(conditions, np.stack(points + rates, axis=1))
+        return np.einsum("nk,nkc->nc", self.to[:, None] ** k, coefficients)
+
     def at(self, depth):
         """Reference points (n, 3) of the rays at depths (n,), and their derivatives."""
         target = self.origin + depth[:, None] * self.world
@@ -92,7 +105,7 @@ class Rays:
         columns = [
             *[self.first, self.last],
             *[self.curve(self.first), self.curve(self.last), self.curve(self.first, 1), self.to],
-            *[self.before, self.curve(self.before), self.curve(self.before, 1)],
+            *[self.before, self.curve(self.before), self.curve(self.before, 1), self.earlier],
             *[self.origin, self.world, self.span, self.enter, self.leave],
             *[np.full(COUNT, 6), self.hits, np.full(COUNT, APART)],
         ]
@@ -107,7 +120,9 @@ def rays():
 @pytest.fixture(scope="module")
 def found(functions, rays):
     kernel = functions("volume_trace")
-    given = {"polynomials": rays.polynomials, "places": rays.places, "fit": rays.matrix}
+    places = np.append(rays.places, 1.0)
+    given = {"polynomials": rays.polynomials, "places": places, "fit": rays.matrix}
+    given["guesses"] = hermite_weights(places)
     (found,) = parted(kernel(rays.rows(), width_of([FOUND]), **given), [FOUND])
     return found
 
@@ -121,6 +136,16 @@ def test_points_are_extrapolated_by_the_polynomials_of_all_that_is_known(rays, f
     bend = (rays.curve(rays.last) - start - ahead[:, None] * slope) / ahead[:, None] ** 2
     assert found["parabola"] == pytest.approx(start + way[:, None] * slope + way[:, None] ** 2 * bend, rel=1e-11)
     assert found["cubic"] == pytest.approx(rays.curve(rays.to), rel=1e-10)
+    assert found["quintic"] == pytest.approx(rays.quintic(), rel=1e-9)
+
+
+def test_guesses_between_three_points_are_exact_for_polynomials_of_degree_five():
+    """Values, then derivatives, at the first, the middle and the last place."""
+    places = np.array([0.0, 0.1, 0.3, 0.6, 0.9, 1.0])
+    polynomial = Polynomial([0.3, -1.0, 2.0, 0.5, -0.7, 1.1])
+    stations = places[[0, 2, 5]]
+    given = np.concatenate([polynomial(stations), polynomial.deriv()(stations)])
+    assert hermite_weights(places) @ given == pytest.approx(polynomial(places), abs=1e-12)
 
 
 def test_fields_along_parts_are_fitted_at_points_of_the_ray(rays, found):
@@ -137,7 +162,7 @@ def test_fields_along_parts_are_fitted_at_points_of_the_ray(rays, found):
     assert found["middle"] == pytest.approx(points[middle], rel=1e-9)
     assert found["value"] == pytest.approx(values[:, middle], rel=1e-8)
     assert np.array_equal(found["last"], rays.leave)
-    assert found["rate"] == pytest.approx(rays.at(depths[:, -2])[1], rel=1e-3)
+    assert found["rate"] == pytest.approx(rays.at(depths[:, -1])[1], rel=1e-6)
     assert np.array_equal(found["end"], rays.span[:, 1])
 
 

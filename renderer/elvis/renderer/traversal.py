@@ -144,6 +144,7 @@ def _line(degree: int) -> dict[str, Floats]:
     places    (degree + 1 + MORE,) more
     fit       matrix from values there to the Bernstein coefficients of a Chebyshev series, then to the terms that
               it lacks
+    guesses   (degree + 1 + MORE, 6) weights of Hermite's polynomial through the first, the middle and the last place
     net_size  (1,) the largest sum of magnitudes in a row of ``net``
     """
     nodes = _extrema(degree)
@@ -155,7 +156,20 @@ def _line(degree: int) -> dict[str, Floats]:
     fit = np.vstack([net @ chebvander(nodes, degree) @ series[:-MORE], series[-MORE:]])
     size = np.abs(net).sum(axis=-1).max(keepdims=True)
     arrays = {"nodes": (nodes + 1) / 2, "net": net, "places": (places + 1) / 2, "fit": fit, "net_size": size}
+    arrays["guesses"] = hermite_weights((places + 1) / 2)
     return {name: frozen_floats(array) for name, array in arrays.items()}
+
+
+def hermite_weights(places: Floats) -> Floats:
+    """(n, 6) values at places (n,) of the polynomials of degree 5 that have one value or derivative, and no others.
+
+    These are values at the first, the middle and the last place, then derivatives there.
+    """
+    stations = places[[0, (len(places) - 1) // 2, -1]]
+    powers = np.arange(6)
+    slopes = powers * stations[:, None] ** np.maximum(powers - 1, 0)
+    conditions = np.vstack([stations[:, None] ** powers, slopes])
+    return np.asarray(places[:, None] ** powers @ np.linalg.inv(conditions))
 
 
 def _extrema(degree: int) -> Floats:

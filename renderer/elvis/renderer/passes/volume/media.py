@@ -15,6 +15,9 @@ from elvis.renderer.passes.volume.steepness import steepest
 from elvis.renderer.traversal import Traversal
 from elvis.scene import Transfer
 
+#: degree of quantities from which on polynomials along rays in curved elements have a higher one
+_LEAST_DEGREE = 4
+
 
 @dataclass(frozen=True)
 class Medium:
@@ -83,6 +86,7 @@ class Media:
     copies      what each copy of the data contributes; one without copies
     march       the kernel that marches along rays
     rooms       sizes of tiles' lists in the last picture, by the numbers of their positions
+    crowding    how much longer lists had to be than what was likely
     buffers     the media and their transfer functions
     """
 
@@ -94,10 +98,22 @@ class Media:
         self.is_curved = any(any(own.curved) for own in self.copies)
         parts = range(len(traversal.loaded.parts))
         names = dict.fromkeys(name for own in self.copies for name in own.names)
-        self.degree = max(traversal.degree(n, own) or STAND_IN for n in parts for own in names)
+        self.degree = max(self._line_degree(traversal, n, own) for n in parts for own in names)
         self.march = self._device.kernel("volume_march", line_degree=self.degree, media=len(media))
         self.buffers = self._buffers()
         self.rooms: dict[int, int] = {}
+        self.crowding = 1.0
+
+    @staticmethod
+    def _line_degree(traversal: Traversal, number: int, quantity: str | None) -> int:
+        """Degree of the polynomials along rays in a part.
+
+        Along a curve, polynomials of three coordinates have a higher degree: longer parts then need fewer points.
+        """
+        degree = traversal.degree(number, quantity)
+        if degree < _LEAST_DEGREE or traversal.is_straight(number, quantity):
+            return degree or STAND_IN
+        return degree + degree // 2
 
     def _copies(self, traversal: Traversal) -> list[CopyMedia]:
         """What each copy contributes: the same for copies whose quantities are the same."""

@@ -36,6 +36,8 @@ LANES = TILE * TILE
 _PROVED = 1.0
 #: likely number of segments of a ray in a curved element; longer lists are made once more
 _SEGMENTS_OF_AN_ELEMENT = 6
+#: lists are at most this much longer than likely before it is known that they have to be
+_MOST_CROWDING = 4.0
 #: part of the requested error that a part of a ray may have which holds a kink or a jump
 _OF_A_KINK = 2.0**-10
 
@@ -73,10 +75,12 @@ class _Band:
 
     places  (n,) numbers of the tiles' places
     lists   (n,) TileLists records (segment.slang)
+    likely  (n,) expected numbers of entries
     """
 
     places: Ints
     lists: NDArray[Any]
+    likely: Ints
 
     def __len__(self) -> int:
         return len(self.places)
@@ -278,15 +282,22 @@ class _March:
         rows = np.zeros((len(self.quantities), len(places)), np.int64)
         for some in self.parts:
             rows[some.list_index, np.searchsorted(places, some.places)] += some.rows
-        most = np.maximum(rows.max(axis=0), [self.rooms.get(place, 0) for place in places.tolist()])
+        likely = rows.max(axis=0)
+        known = np.array([self.rooms.get(place, 0) for place in places.tolist()])
         size = len(rows) * (self.march.dtype("segments").itemsize + 8 * (self.degree + 1) + 12)
         fixed = self.march.dtype("stops").itemsize * self.visibility.most
-        number = np.cumsum(LANES * (most * size + fixed)) // MOST_BYTES
-        for own in np.split(np.arange(len(places)), np.flatnonzero(np.diff(number)) + 1):
-            band = _Band(places[own], np.zeros(len(own), self.march.dtype("lists")))
-            band.lists["number"] = np.arange(len(own))
-            band.give(most[own])
+        first = 0
+        while first < len(places):
+            # lists of the bands before tell how long the next ones have to be
+            longer = np.ceil(self.shown.crowding * likely[first:]).astype(np.int64)
+            most = np.where(known[first:] > 0, np.maximum(known, likely)[first:], longer)
+            count = int(np.searchsorted(np.cumsum(LANES * (most * size + fixed)), MOST_BYTES))
+            own = slice(first, first + max(1, count))
+            band = _Band(places[own], np.zeros(len(places[own]), self.march.dtype("lists")), likely[own])
+            band.lists["number"] = np.arange(len(band))
+            band.give(most[: len(band)])
             yield band
+            first += len(band)
 
     def band(self, band: _Band) -> None:
         """List the segments of the rays of some tiles, then march along them."""
@@ -329,6 +340,8 @@ class _March:
             needed = counts.reshape(-1, len(band), LANES).max(axis=(0, 2))
             if (needed <= band.lists["room"]).all():
                 self.rooms.update(zip(band.places.tolist(), needed.tolist(), strict=True))
+                crowding = float((needed / np.maximum(band.likely, 1)).max(initial=0.0))
+                self.shown.crowding = max(self.shown.crowding, min(crowding, _MOST_CROWDING))
                 return lists
             band.give(np.maximum(needed, band.lists["room"]))
 
