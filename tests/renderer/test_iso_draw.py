@@ -56,6 +56,8 @@ class Rays:
         self.distance = rng.choice([0.99e-7, 1.01e-7, 0.299, 0.301, 2.0], COUNT)
         self.value, self.slope = some(-1, 1) * rng.choice([0.1, 1.0], COUNT), some(-1.5, 1.5)
         self.value_error, self.slope_error = some(0, 0.1), some(0, 0.2) * rng.choice([1e-6, 1.0], COUNT)
+        # some derivatives are nearly unknown, of fields that are nearly straight
+        self.curvature[2::9], self.slope_error[2::9] = 1e-9, 0.45 * np.abs(self.slope[2::9])
         self.step = some(-1, 1, 3) * rng.choice([1e-10, 1e-7, 1e-2], (COUNT, 1))
         self.end, self.sign = some(0, 2), rng.choice([-1.0, 1.0], COUNT)
         self.before, self.slope_before = some(-2, 0.5), some(-1.5, 1.5)
