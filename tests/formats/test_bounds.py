@@ -30,7 +30,7 @@ from elvis.core.polynomials.bernstein import bernstein_coefficients, to_bernstei
 from elvis.core.polynomials.boxnets import difference, on_lattice
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.polynomials.net_zeros import values_of
-from elvis.core.polynomials.rounding import coefficient_rounding
+from elvis.core.polynomials.rounding import coefficient_rounding, gamma
 from elvis.core.quantities import Expression, bounding, intervals
 from elvis.core.quantities.cells import Cells
 from elvis.core.quantities.evaluator import _sized
@@ -598,3 +598,11 @@ def test_ends_of_curves_are_off_by_twice_the_tolerance_of_places(monkeypatch):
         found.append(along_curves.along_curve(piece, None, [None], 1e-3))
     assert 0.29 < found[1].measure[0] < 0.31
     assert found[1].error - found[0].error == pytest.approx(2 * 0.1 * 3.0 * found[1].measure, rel=1e-9)
+
+
+@pytest.mark.parametrize("count", [1, 4, 9])
+def test_roundings_in_a_row_are_off_by_no_more_than_gamma(count):
+    """A product with so many roundings towards zero, undone by a quotient, is off by exactly that."""
+    unit = 2.0**-4
+    assert gamma(count, unit) == pytest.approx(1 / (1 - count * unit) - 1, rel=1e-14)
+    assert (1 - unit) ** -count - 1 <= gamma(count, unit)
