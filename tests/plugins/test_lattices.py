@@ -18,7 +18,7 @@ SOLIDS = [shape for shape in Shape if shape.dimension == 3]
 
 @pytest.fixture(scope="module")
 def taken(renderer, tmp_path_factory):
-    """(elements, points, 4) places and field of a shape at all nodes of a box, found together and one by one."""
+    """(elements, points, 4) places and field of a shape at all nodes of a box: together, by fours, one by one."""
     device, folder = renderer("vulkan").device, tmp_path_factory.mktemp("shaders")
 
     def take(shape, box):
@@ -33,7 +33,7 @@ def taken(renderer, tmp_path_factory):
         kernel = device.kernel("lattice_check", part)
         device.include(volume.shader_folder)
         size = 4 * len(part) * len(NODES) ** 3
-        lists = {name: device.empty(np.float64, size) for name in ("together", "alone")}
+        lists = {name: device.empty(np.float64, size) for name in ("together", "fours", "alone")}
         given = {"nodes": device.buffer(np.append(len(NODES), NODES)), "box": device.buffer(np.array(box))}
         kernel(len(part), {**loaded.bindings(0, None), **given, **lists})
         return [device.read(each, np.float64)[:size].reshape(len(part), -1, 4) for each in lists.values()]
@@ -45,6 +45,7 @@ def taken(renderer, tmp_path_factory):
 @pytest.mark.parametrize("shape", SOLIDS)
 def test_points_of_a_lattice_match_single_evaluation(shape, taken):
     for box in ((0.0, 0.0, 0.0, 1.0, 1.0, 1.0), (-0.25, 0.5, -0.375, 0.25, 0.125, 0.0625)):
-        together, alone = taken(shape, box)
+        together, fours, alone = taken(shape, box)
         assert np.ptp(alone, axis=1).min() > 0.01
         assert np.array_equal(together, alone)
+        assert np.abs(fours - alone).max() < 1e-14 * np.abs(alone).max()
