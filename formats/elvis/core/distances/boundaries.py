@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints, distinct
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.dataset import Dataset, Expansion
 from elvis.core.distances.surface_patches import WHOLE, SurfacePatches
 from elvis.core.errors import ElvisError
@@ -252,8 +253,25 @@ def side_coefficients(expansion: Expansion, maps: Floats, local: tuple[int, ...]
     maps   (n, 3, modes) coefficients of the elements
     local  their vertices around the side
     """
+    space, inverse, basis = _side_matrices(expansion, local)
+    world = np.einsum("ndm,km->nkd", maps, basis, optimize=True)
+    count = side_degree(expansion) + 1
+    found = np.zeros((len(maps), count**2, 3))
+    found[:, np.flatnonzero(space)] = inverse @ world
+    square = found.reshape(len(maps), count, count, 3)
+    return np.ascontiguousarray(square[:, :1] if len(local) == 2 else square)
+
+
+def side_degree(expansion: Expansion) -> int:
+    """Degree of the maps of elements on their sides, in each direction."""
+    return max(1, *bernstein_space(expansion).degrees)
+
+
+@bounded_cache
+def _side_matrices(expansion: Expansion, local: tuple[int, ...]) -> tuple[Bools, Floats, Floats]:
+    """Which powers s^i t^j a side has, the matrix from values at points to their coefficients, and the modes there."""
     kind, shape = _KINDS[len(local)], expansion.shape
-    degree = max(1, *bernstein_space(expansion).degrees)
+    degree = side_degree(expansion)
     nodes = gauss(degree + 1)[0]
     grid = np.stack(np.meshgrid(*[nodes] * kind.dimension), axis=-1).reshape(-1, kind.dimension)
     points = uncollapse(kind, grid)
@@ -267,9 +285,4 @@ def side_coefficients(expansion: Expansion, maps: Floats, local: tuple[int, ...]
     space = j == 0 if kind is Shape.SEGMENT else i + j <= degree if kind is Shape.TRIANGLE else i >= 0
     s, t = points[:, 0], points[:, -1]
     powers = s[:, None] ** i[space] * (t[:, None] ** j[space] if kind.dimension == 2 else 1.0)
-    basis = values(expansion, images)
-    world = np.einsum("ndm,km->nkd", maps, basis, optimize=True)
-    found = np.zeros((len(maps), (degree + 1) ** 2, 3))
-    found[:, np.flatnonzero(space)] = np.linalg.pinv(powers) @ world
-    square = found.reshape(len(maps), degree + 1, degree + 1, 3)
-    return np.ascontiguousarray(square[:, :1] if kind is Shape.SEGMENT else square)
+    return space, np.linalg.pinv(powers), values(expansion, images)

@@ -94,10 +94,15 @@ class SurfacePatches(Rows):
     @property
     def boxes(self) -> Floats:
         """(n, 6) low and high corners of boxes that hold the patches."""
-        linear = np.where(self._linear[:, :, None], self.coefficients, 0.0)
-        bend = np.abs(self.coefficients - linear).sum(axis=(1, 2))
-        vertices = SurfacePatches(self.corners, linear, self.face, self.outer).vertices
-        return np.concatenate([vertices.min(axis=1) - bend, vertices.max(axis=1) + bend], axis=1)
+        bend = np.abs(self.coefficients[:, ~self._linear]).sum(axis=1)
+        origin, along = self.coefficients[:, 0, 0], self.coefficients[:, 0, 1]
+        across = self.coefficients[:, 1, 0] if self.corners > 2 else 0.0
+        # the corners of the linear part
+        points = [origin + s * along + t * across for s, t in CORNERS[self.corners].tolist()]
+        low, high = points[0], points[0]
+        for point in points[1:]:
+            low, high = np.minimum(low, point), np.maximum(high, point)
+        return np.concatenate([low - bend, high + bend], axis=1)
 
     @property
     def _linear(self) -> Bools:

@@ -8,6 +8,7 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
 from elvis.core.bounded_cache import bounded_cache
+from elvis.core.distances.surface_patches import SurfacePatches
 from elvis.core.interfaces.side_groups import SideGroup, SideSet, is_within
 from elvis.core.mapping.orientation import chunks
 
@@ -58,21 +59,22 @@ def _on_group(group: SideGroup, rows: Ints, world: Floats) -> tuple[Floats, Floa
     Gauss-Newton on |x(t) - p|² from the nearest point of a lattice: t -= (JᵀJ)⁻¹ Jᵀ (x(t) - p) with J = dx/dt
     (Nocedal and Wright, Numerical Optimization, 10.3).
     """
-    points = _starts(group, rows, world)
+    patches, places = group.distinct_patches(rows)
+    points = _starts(patches, places, world)
     moving = np.arange(len(points))
     for _ in range(ITERATIONS):
         before = points[moving]
-        points[moving] = _stepped(group, rows[moving], world[moving], before)
+        points[moving] = _stepped(patches, places[moving], world[moving], before)
         moving = moving[np.abs(points[moving] - before).max(axis=1) > STILL]
         if not len(moving):
             break
-    return points, np.linalg.norm(group.patches.at(points, rows) - world, axis=1)
+    return points, np.linalg.norm(patches.at(points, places) - world, axis=1)
 
 
-def _stepped(group: SideGroup, rows: Ints, world: Floats, points: Floats) -> Floats:
+def _stepped(patches: SurfacePatches, rows: Ints, world: Floats, points: Floats) -> Floats:
     """(n, 2) coordinates after one step from ``points`` (n, 2)."""
-    dimension = 1 if group.corners == 2 else 2
-    slopes = group.patches.derivatives(points, rows, 1)
+    dimension = 1 if patches.corners == 2 else 2
+    slopes = patches.derivatives(points, rows, 1)
     residual = slopes[:, 0, 0] - world
     tangents = np.stack([slopes[:, 0, 1], slopes[:, 1, 0]][:dimension], axis=2)
     matrix = np.einsum("nci,ncj->nij", tangents, tangents)
@@ -86,13 +88,12 @@ def _stepped(group: SideGroup, rows: Ints, world: Floats, points: Floats) -> Flo
     return found
 
 
-def _starts(group: SideGroup, rows: Ints, world: Floats) -> Floats:
-    """(n, 2) the points of a lattice on each side that are nearest to the points (n, 3)."""
-    grid = _grid(group.corners)
-    distinct, place = np.unique(rows, return_inverse=True)
-    every = np.repeat(distinct, len(grid))
-    images = group.patches.at(np.tile(grid, (len(distinct), 1)), every).reshape(len(distinct), len(grid), 3)
-    square = ((images[place.reshape(-1)] - world[:, None]) ** 2).sum(axis=2)
+def _starts(patches: SurfacePatches, rows: Ints, world: Floats) -> Floats:
+    """(n, 2) the points of a lattice on each of the patches ``rows`` (n,) that are nearest to the points (n, 3)."""
+    grid = _grid(patches.corners)
+    every = np.repeat(np.arange(len(patches)), len(grid))
+    images = patches.at(np.tile(grid, (len(patches), 1)), every).reshape(len(patches), len(grid), 3)
+    square = ((images[rows] - world[:, None]) ** 2).sum(axis=2)
     return grid[square.argmin(axis=1)].copy()
 
 

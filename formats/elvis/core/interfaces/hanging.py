@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
 from elvis.core.interfaces.feet import feet
 from elvis.core.interfaces.side_groups import COLLAPSED, SideGroup, SideSet
 from elvis.core.mapping.boxes import Boxes, BoxTree, meet, outward
@@ -37,7 +37,7 @@ MOST_OTHERS = 16
 HOPELESS = 32
 #: points of sides that are compared with others together, and pairs of a point and a node of the tree
 POINTS_AT_ONCE = 1 << 13
-NODES_AT_ONCE = 1 << 16
+NODES_AT_ONCE = 1 << 14
 #: pairs of a point and a side whose distance is determined together
 PAIRS_AT_ONCE = 1 << 14
 #: sides whose integrals are taken together
@@ -117,15 +117,27 @@ def hanging(sides: SideSet, named: Bools, is_oriented: bool, precision: float) -
 def _are_collapsed(sides: SideSet) -> Bools:
     """(n,) whether sides have no area, or no length."""
     every = np.arange(len(sides))
-    greatest = np.zeros(len(sides))
+    greatest, sizes = np.zeros((2, len(sides)))
+    extent = _NOWHERE
     for part in chunks(len(sides), POINTS_AT_ONCE):
         which, points = sides.samples(every[part], 0)
         np.maximum.at(greatest[part], which, sides.factors(points, every[part][which]))
-    box = sides.boxes
-    scale = float(np.ptp(np.concatenate([box[:, :3], box[:, 3:]]), axis=0).max(initial=0.0)) if len(sides) else 0.0
-    sizes = np.linalg.norm(box[:, 3:] - box[:, :3], axis=1)
+        box = sides.boxes(every[part])
+        sizes[part] = np.linalg.norm(box[:, 3:] - box[:, :3], axis=1)
+        extent = _widened(extent, box)
+    scale = float((extent[1] - extent[0]).max()) if len(sides) else 0.0
     flat = np.array([group.corners > 2 for group in sides.groups], bool)[sides.group]
     return np.asarray((greatest <= COLLAPSED * np.where(flat, sizes**2, scale)) | (sizes <= COLLAPSED * scale))
+
+
+#: the extent of no boxes
+_NOWHERE = frozen_floats(np.stack([np.full(3, np.inf), np.full(3, -np.inf)]))
+
+
+def _widened(extent: Floats, boxes: Floats) -> Floats:
+    """(2, 3) smallest and largest coordinates of an extent (2, 3) and of boxes (n, 6)."""
+    points = boxes.reshape(-1, 3)
+    return np.stack([np.minimum(extent[0], points.min(axis=0)), np.maximum(extent[1], points.max(axis=0))])
 
 
 class _Search:
@@ -140,21 +152,32 @@ class _Search:
     def __init__(self, sides: SideSet, candidates: Ints, named: Bools, is_oriented: bool, precision: float) -> None:
         self.sides, self.named, self.is_oriented = sides, named, is_oriented
         self._candidates = candidates
-        box = sides.boxes[candidates]
-        low, high = box[:, :3], box[:, 3:]
-        magnitude = float(np.abs(box).max(initial=0.0))
-        scale = float(np.linalg.norm(np.ptp(box.reshape(-1, 3), axis=0))) if len(box) else 0.0
+        extent = _NOWHERE
+        for part in chunks(len(candidates), POINTS_AT_ONCE):
+            extent = _widened(extent, sides.boxes(candidates[part]))
+        magnitude = float(np.abs(extent).max()) if len(candidates) else 0.0
+        scale = float(np.linalg.norm(extent[1] - extent[0])) if len(candidates) else 0.0
         self._rounding = max(ROUNDING * scale, SOURCE_ROUNDINGS * precision * magnitude)
         self._size = np.zeros(len(sides))
-        self._size[candidates] = np.linalg.norm(high - low, axis=1)
-        extra = NEAR * self._size[candidates, None] + self._rounding
-        self._low, self._high = low - extra, high + extra
-        self._tree = BoxTree.build(outward(self._low, self._high, 0.0))
+        boxes = np.empty((len(candidates), 6), np.float32)
+        for part in chunks(len(candidates), POINTS_AT_ONCE):
+            low, high = self._enlarged(part)
+            boxes[part] = outward(low, high, 0.0)
+        self._tree = BoxTree.build(boxes)
         self._normals = np.empty((len(sides), 3))
         for part in chunks(len(sides), POINTS_AT_ONCE):
             own = np.arange(part.start, part.stop)
             self._normals[part] = sides.normals(np.zeros((len(own), 2)), own)[0]
         self.is_crowded = np.zeros(len(sides), bool)
+
+    def _enlarged(self, part: slice) -> tuple[Floats, Floats]:
+        """(k, 3) low and high corners of the boxes of the candidates of a part, with room for sides that are near."""
+        own = self._candidates[part]
+        box = self.sides.boxes(own)
+        low, high = box[:, :3], box[:, 3:]
+        self._size[own] = np.linalg.norm(high - low, axis=1)
+        extra = NEAR * self._size[own, None] + self._rounding
+        return low - extra, high + extra
 
     def possible(self) -> Ints:
         """Ascending sides whose boxes meet the box of another side that faces them."""
@@ -165,11 +188,12 @@ class _Search:
 
     def _are_met(self, part: slice) -> Bools:
         """(k,) which of the candidates of a part are possible; one that is met is compared with no further sides."""
-        own, low, high = self._candidates[part], self._low[part], self._high[part]
+        own = self._candidates[part]
+        low, high = self._enlarged(part)
         is_met = np.zeros(len(own), bool)
 
         def meets(boxes: Boxes, rows: Ints, which: Ints) -> Bools:
-            return meet(low, high, boxes, rows, which) & ~is_met[which]
+            return _meet_unless(is_met[which], low, high, boxes, rows, which)
 
         for which, place in self._tree.batches(len(own), meets, NODES_AT_ONCE, by_node=True):
             side, other = own[which], self._candidates[place]
@@ -258,10 +282,10 @@ class _Search:
         """
         samples = np.bincount(which, minlength=len(chosen))
         counts = np.zeros(len(chosen), np.int64)
+        is_hopeless = np.zeros(len(chosen), bool)
 
         def meets(boxes: Boxes, rows: Ints, point: Ints) -> Bools:
-            own = which[point]
-            return meet(world, world, boxes, rows, point) & (counts[own] <= HOPELESS * samples[own])
+            return _meet_unless(is_hopeless[which[point]], world, world, boxes, rows, point)
 
         points, others = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
         for point, place in self._tree.batches(len(world), meets, NODES_AT_ONCE, by_node=True):
@@ -272,8 +296,9 @@ class _Search:
             points.append(point[possible])
             others.append(other[possible])
             counts += np.bincount(which[point[possible]], minlength=len(chosen))
+            is_hopeless[:] = counts > HOPELESS * samples
         point, other = np.concatenate(points), np.concatenate(others)
-        is_crowded, is_hopeless = counts > MOST_OTHERS * samples, counts > HOPELESS * samples
+        is_crowded = counts > MOST_OTHERS * samples
         self.is_crowded[chosen] |= is_crowded
         examined = ~(is_crowded if is_limited else is_hopeless)[which[point]]
         return point[examined], other[examined], is_hopeless
@@ -325,6 +350,16 @@ class _Search:
         return nothing
 
 
+def _meet_unless(is_done: Bools, low: Floats, high: Floats, boxes: Boxes, rows: Ints, which: Ints) -> Bools:
+    """`meet` of those (k,) that aren't done; the others meet nothing."""
+    if not is_done.any():
+        return meet(low, high, boxes, rows, which)
+    is_met = np.zeros(len(which), bool)
+    left = np.flatnonzero(~is_done)
+    is_met[left] = meet(low, high, boxes, rows[left], which[left])
+    return is_met
+
+
 def fluxes(sides: SideSet, chosen: Ints) -> tuple[Floats, Floats]:
     """(k,) areas of the sides ``chosen`` (k,), and (k, 4) the integrals of the normal n over them, and of x . n."""
     area, flux = np.zeros(len(chosen)), np.zeros((len(chosen), 4))
@@ -341,7 +376,8 @@ def _integrals(group: SideGroup, sides: Ints) -> Floats:
     rows = np.repeat(sides, len(points))
     many = np.tile(points, (len(sides), 1))
     normals, factors = group.normals(many, rows)
-    places = group.patches.at(many, rows)
+    patches, own = group.distinct_patches(rows)
+    places = patches.at(many, own)
     parts = np.column_stack([normals, np.einsum("ni,ni->n", places, normals), np.ones(len(rows))])
     parts *= (factors * np.tile(weights, len(sides)))[:, None]
     return np.asarray(parts.reshape(len(sides), len(points), 5).sum(axis=1))

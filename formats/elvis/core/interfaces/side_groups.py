@@ -8,9 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints, narrow_ints
 from elvis.core.dataset import Dataset, Expansion
-from elvis.core.distances.boundaries import side_coefficients, sides_of
+from elvis.core.distances.boundaries import side_coefficients, side_degree, sides_of
 from elvis.core.distances.surface_patches import CORNERS, WHOLE, SurfacePatches
 from elvis.core.geometry import Part, mapping
 from elvis.core.mapping.orientation import chunks
@@ -39,7 +39,8 @@ class SideGroup:
     local    the element's vertices around the side
     entity   (n,) rows of the sides in the mesh
     element  (n,) ids of the elements
-    patches  the sides as polynomials on the domains of `surface_patches`
+
+    Sides of straight elements are derived from the vertices when they are needed; those of others are stored.
     """
 
     block: Part
@@ -47,7 +48,6 @@ class SideGroup:
     local: tuple[int, ...]
     entity: Ints
     element: Ints
-    patches: SurfacePatches
 
     def __len__(self) -> int:
         return len(self.entity)
@@ -65,7 +65,28 @@ class SideGroup:
     @property
     def degree(self) -> int:
         """Degree of the map along the side, in each direction."""
-        return int(self.patches.coefficients.shape[2] - 1)
+        return side_degree(self.expansion)
+
+    def patches(self, rows: Ints) -> SurfacePatches:
+        """The sides ``rows`` (k,) as polynomials on the domains of `surface_patches`."""
+        coefficients = self._coefficients(rows) if self._is_straight else self._stored[rows]
+        return SurfacePatches(self.corners, coefficients, np.arange(len(rows)), np.full(len(rows), WHOLE[self.corners]))
+
+    def distinct_patches(self, rows: Ints) -> tuple[SurfacePatches, Ints]:
+        """`patches` of the distinct ones among ``rows`` (k,), and which of these each is (k,)."""
+        chosen, places = np.unique(rows, return_inverse=True)
+        return self.patches(chosen), places.reshape(-1)
+
+    def _coefficients(self, rows: Ints) -> Floats:
+        return side_coefficients(self.expansion, self.block.take(self.rows[rows]), self.local)
+
+    @property
+    def _is_straight(self) -> bool:
+        return max(self.expansion.modes) == 2
+
+    @cached_property
+    def _stored(self) -> Floats:
+        return self._coefficients(np.arange(len(self)))
 
     def normals(self, points: Floats, rows: Ints) -> tuple[Floats, Floats]:
         """(k, 3) unit normals into the element at points (k, 2) of the sides ``rows`` (k,), and (k,) area factors.
@@ -86,7 +107,8 @@ class SideGroup:
 
     def _directions(self, points: Floats, rows: Ints) -> Floats:
         """(k, 3) tangents of curves, cross products of the tangents of faces."""
-        slopes = self.patches.derivatives(points, rows, 1)
+        patches, places = self.distinct_patches(rows)
+        slopes = patches.derivatives(points, places, 1)
         along, across = slopes[:, 0, 1], slopes[:, 1, 0]
         return np.asarray(along if self.corners == 2 else np.cross(along, across))
 
@@ -116,8 +138,8 @@ class SideSet:
     def __init__(self, groups: Sequence[SideGroup]) -> None:
         self.groups = tuple(groups)
         counts = [len(group) for group in groups]
-        self.group = np.repeat(np.arange(len(groups)), counts)
-        self.row = np.concatenate([np.empty(0, np.int64), *map(np.arange, counts)])
+        self.group = np.repeat(np.arange(len(groups), dtype=np.int32), counts)
+        self.row = narrow_ints(np.concatenate([np.empty(0, np.int64), *map(np.arange, counts)]), sum(counts))
         self.entity = np.concatenate([np.empty(0, np.int64), *(group.entity for group in groups)])
         kinds = [tuple(Shape).index(group.expansion.shape) for group in groups]
         numbers = [group.element * len(Shape) + kind for group, kind in zip(groups, kinds, strict=True)]
@@ -137,7 +159,8 @@ class SideSet:
         """(k, 3) positions at points (k, 2) of ``sides`` (k,)."""
         found = np.empty((len(sides), 3))
         for group, here in self.parted(sides):
-            found[here] = group.patches.at(points[here], self.row[sides[here]])
+            patches, places = group.distinct_patches(self.row[sides[here]])
+            found[here] = patches.at(points[here], places)
         return found
 
     def normals(self, points: Floats, sides: Ints) -> tuple[Floats, Floats]:
@@ -156,24 +179,20 @@ class SideSet:
             found[here] = group.factors(points[here], self.row[sides[here]])
         return found
 
-    @cached_property
-    def boxes(self) -> Floats:
-        """(n, 6) low and high corners of boxes that hold the sides."""
-        found = [np.empty((0, 6))]
-        for group in self.groups:
-            found += [group.patches.part(part).boxes for part in chunks(len(group), SIDES)]
-        return np.concatenate(found)
+    def boxes(self, sides: Ints) -> Floats:
+        """(k, 6) low and high corners of boxes that hold ``sides`` (k,)."""
+        found = np.empty((len(sides), 6))
+        for group, here in self.parted(sides):
+            for part in chunks(len(here), SIDES):
+                own = here[part]
+                found[own] = group.patches(self.row[sides[own]]).boxes
+        return found
 
     def corners(self, sides: Ints) -> Floats:
         """(k, 4, 3) corners of ``sides`` (k,); the last one is repeated where a side has fewer."""
         found = np.empty((len(sides), 4, 3))
         for group, here in self.parted(sides):
-            own = SurfacePatches(
-                group.corners,
-                group.patches.coefficients[self.row[sides[here]]],
-                np.arange(len(here)),
-                np.arange(len(here)),
-            ).vertices
+            own = group.patches(self.row[sides[here]]).vertices
             found[here] = own[:, np.minimum(np.arange(4), group.corners - 1)]
         return found
 
@@ -213,10 +232,7 @@ def _groups_of(dataset: Dataset, block: Part, wanted: Bools) -> Iterator[SideGro
             continue
         entity = members[rows, number]
         wanted[entity] = False
-        faces = side_coefficients(block.expansion, block.take(rows), local)
-        count = np.arange(len(rows))
-        patches = SurfacePatches(len(local), faces, count, np.full(len(rows), WHOLE[len(local)]))
-        yield SideGroup(block, rows, local, entity, block.element_ids[rows], patches)
+        yield SideGroup(block, rows, local, entity, block.element_ids[rows])
 
 
 def lattice(corners: int, count: int) -> Floats:

@@ -35,6 +35,8 @@ _EMPTY = np.array([np.inf] * 3 + [-np.inf] * 3, np.float32)
 _BATCH = 1 << 21
 #: and where several of them should stay in a processor's cache
 _SMALL_BATCH = 1 << 17
+#: boxes that are placed in a tree together
+_BOXES_AT_ONCE = 1 << 16
 
 
 def element_boxes(patch: Patch, margin: float = MARGIN) -> Boxes:
@@ -104,19 +106,20 @@ class BoxTree:
     @staticmethod
     def build(boxes: Boxes, leaf: int = 4) -> BoxTree:
         """The tree over ``boxes`` (n, 6), elements sorted along a space-filling curve of their centres."""
-        count = len(boxes)
-        leaves = 1 << max(0, -(-count // leaf) - 1).bit_length()
+        leaves = 1 << max(0, -(-len(boxes) // leaf) - 1).bit_length()
         order = np.argsort(_morton(boxes), kind="stable").astype(np.uint32)
-        padded = np.tile(_EMPTY, (leaves * leaf, 1))
-        padded[:count] = boxes[order]
         nodes = np.empty((2 * leaves - 1, 6), np.float32)
 
         # leaves first, then every level over the one below
-        level = padded.reshape(leaves, leaf, 6)
-        while len(level):
-            here = nodes[len(level) - 1 : 2 * len(level) - 1]
-            here[:, :3], here[:, 3:] = level[:, :, :3].min(axis=1), level[:, :, 3:].max(axis=1)
-            level = here.reshape(-1, 2, 6) if len(level) > 1 else level[:0]
+        for part in chunks(leaves, _BOXES_AT_ONCE):
+            held = order[leaf * part.start : leaf * part.stop]
+            padded = np.tile(_EMPTY, (leaf * (part.stop - part.start), 1))
+            padded[: len(held)] = boxes[held]
+            _enclose(padded.reshape(-1, leaf, 6), nodes[leaves - 1 + part.start : leaves - 1 + part.stop])
+        count = leaves // 2
+        while count:
+            _enclose(nodes[2 * count - 1 : 4 * count - 1].reshape(-1, 2, 6), nodes[count - 1 : 2 * count - 1])
+            count //= 2
         return BoxTree(boxes, order, nodes, leaf)
 
     @staticmethod
@@ -189,6 +192,11 @@ def _sorted_pairs(batches: Iterator[tuple[Ints, Ints]]) -> tuple[Ints, Ints]:
     return point[order], element[order]
 
 
+def _enclose(boxes: Boxes, found: Boxes) -> None:
+    """Fill ``found`` (n, 6) with boxes around several each (n, k, 6)."""
+    found[:, :3], found[:, 3:] = boxes[:, :, :3].min(axis=1), boxes[:, :, 3:].max(axis=1)
+
+
 def _split(level: int, point: Ints, node: Ints, size: int) -> list[tuple[int, Ints, Ints]]:
     """Pieces of pairs, the first one last, so that it is the next to be taken."""
     return [(level, point[part], node[part]) for part in chunks(len(point), size)][::-1]
@@ -196,7 +204,8 @@ def _split(level: int, point: Ints, node: Ints, size: int) -> list[tuple[int, In
 
 def meet(low: Floats, high: Floats, boxes: Boxes, rows: Ints, which: Ints) -> Bools:
     """(k,) whether box ``rows`` (k,) meets that number ``which`` (k,) of those with corners (n, 3)."""
-    box, least, greatest = boxes[rows].T, low[which].T, high[which].T
+    box, least = boxes[rows].T, low[which].T
+    greatest = least if high is low else high[which].T
     sides: list[Bools] = [(box[axis] <= greatest[axis]) & (least[axis] <= box[axis + 3]) for axis in range(3)]
     return sides[0] & sides[1] & sides[2]
 
@@ -217,9 +226,12 @@ def _ray_meets(points: Floats, way: Floats, boxes: Boxes, rows: Ints, which: Int
 
 def _morton(boxes: Boxes) -> NDArray[np.uint64]:
     """(n,) 63-bit places of the centres along a Z-shaped curve through all of them."""
-    finite = np.isfinite(boxes).all(axis=1, keepdims=True)
-    corners = np.where(finite, boxes, 0).astype(np.float64)
-    return places_on_curve((corners[:, :3] + corners[:, 3:]) / 2)
+    centres = np.empty((len(boxes), 3))
+    for part in chunks(len(boxes), _BOXES_AT_ONCE):
+        finite = np.isfinite(boxes[part]).all(axis=1, keepdims=True)
+        corners = np.where(finite, boxes[part], 0).astype(np.float64)
+        centres[part] = (corners[:, :3] + corners[:, 3:]) / 2
+    return places_on_curve(centres)
 
 
 def places_on_curve(points: Floats) -> NDArray[np.uint64]:
@@ -228,9 +240,12 @@ def places_on_curve(points: Floats) -> NDArray[np.uint64]:
         return np.empty(0, np.uint64)
     low, high = points.min(axis=0), points.max(axis=0)
     width = np.where(high > low, high - low, 1.0)
-    cells = ((points - low) / width * (2**21 - 1)).astype(np.uint64)
-    x, y, z = (_spread(cells[:, axis]) << np.uint64(axis) for axis in range(3))
-    return np.asarray(x | y | z)
+    places = np.empty(len(points), np.uint64)
+    for part in chunks(len(points), _BOXES_AT_ONCE):
+        cells = ((points[part] - low) / width * (2**21 - 1)).astype(np.uint64)
+        x, y, z = (_spread(cells[:, axis]) << np.uint64(axis) for axis in range(3))
+        places[part] = x | y | z
+    return places
 
 
 def _spread(bits: NDArray[np.uint64]) -> NDArray[np.uint64]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Ints
+from elvis.core.arrays import Bools, Ints, distinct_rows
 from elvis.core.mapping.orientation import first_face_row, polygon_vertices
 from elvis.core.mesh import Mesh
 from elvis.core.shapes import Shape
@@ -47,23 +47,23 @@ class Sides:
             chosen = np.unique(rows[(rows >= first) & (rows < first + count)]) - first
             if not len(chosen):
                 continue
-            own = self._vertices(corners)
-            numbers = np.sort(self._numbers[own[chosen]], axis=1)
-            chosen, numbers = chosen[(numbers >= 0).all(axis=1)], numbers[(numbers >= 0).all(axis=1)]
-            if not len(chosen):
-                continue
-            _, which, counts = np.unique(numbers, axis=0, return_inverse=True, return_counts=True)
-            found.append(first + chosen[self._are_apart(own[chosen], which.reshape(-1), counts)])
+            own = self._vertices(corners)[chosen]
+            is_numbered = (self._numbers[own] >= 0).all(axis=1)
+            chosen, own = chosen[is_numbered], own[is_numbered]
+            _, which = distinct_rows(self._numbers[own])
+            several = np.flatnonzero(np.bincount(which)[which] > 1)
+            found.append(first + chosen[several[self._are_apart(own[several], which[several])]])
         return np.unique(np.concatenate(found))
 
-    def _are_apart(self, vertices: Ints, which: Ints, counts: Ints) -> Bools:
-        """(n,) whether not all sides of a set lie at one place; ``which`` (n,) of the sets, with ``counts`` sides."""
+    def _are_apart(self, vertices: Ints, which: Ints) -> Bools:
+        """(n,) whether not all sides of the same set ``which`` (n,) lie at one place."""
+        count = int(which.max(initial=-1)) + 1
         middle = self._mesh.vertices[vertices].mean(axis=1)
-        first = np.zeros(len(counts), np.int64)
+        first = np.zeros(count, np.int64)
         first[which[::-1]] = np.arange(len(which))[::-1]
         size = np.ptp(self._mesh.vertices[vertices], axis=1).max(axis=1)
         is_off = np.abs(middle - middle[first[which]]).max(axis=1) > SAME_PLACE * size
-        any_off = np.zeros(len(counts), bool)
+        any_off = np.zeros(count, bool)
         any_off[which[is_off]] = True
         return any_off[which]
 
