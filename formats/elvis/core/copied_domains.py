@@ -50,6 +50,8 @@ def periods(dataset: Dataset) -> dict[str, float]:
 
 def _extents(mesh: Mesh) -> dict[str, float]:
     """Extents of a mesh along the axes at both ends of which sides are identified."""
+    if all(PERIODIC not in (composite.name, composite.label) for composite in mesh.composites):
+        return {}
     ids = sides_by_name(mesh).get(PERIODIC)
     if ids is None:
         return {}

@@ -64,7 +64,7 @@ class Curves:
         return Curves(empty, empty, frozen_ints([0]), frozen_floats(np.empty((0, 3))))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, slots=True)
 class Composite:
     """A named set of entities; ``parts`` pairs a tag letter (V E S F T Q A P R H) with ids, in file order.
 

@@ -17,7 +17,7 @@ from elvis.core.conversion_errors import ConversionErrors
 from elvis.core.dataset import MAP_KEY, Block, Dataset, Expansion, Field
 from elvis.core.geometry import GeometryBlock, geometry
 from elvis.core.mapping.tangents import determinants
-from elvis.core.mesh import NON_CONFORMING, PERIODIC, Composite, Mesh
+from elvis.core.mesh import NON_CONFORMING, PERIODIC, Mesh
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.evaluation import evaluate_with_gradients
 from elvis.core.polynomials.quadrature import gauss
@@ -66,7 +66,7 @@ def summary(whole: Dataset | Portion, quantities: Sequence[Expression] = (), ran
             "jacobian": _jacobian([tally.signs for tally in tallies]),
         },
         "fields": [_field(dataset, field, [own.fields[field.name] for own in tallies]) for field in dataset.solution],
-        "composites": [_composite(*pair) for pair in zip(mesh.composites, mesh.counts.composites, strict=True)],
+        "composites": _composites(mesh),
         "domains": {str(id): list(composites) for id, composites in mesh.domains.items()},
         "metadata": dict(dataset.metadata),
         "bytes": mesh.counts.bytes + sum(own.bytes for tally in tallies for own in tally.fields.values()),
@@ -306,6 +306,12 @@ def _expansion(expansion: Expansion, elements: int) -> Facts:
     return facts
 
 
-def _composite(composite: Composite, entities: Sequence[int]) -> Facts:
-    parts = [{"tag": tag, "entities": count} for (tag, _), count in zip(composite.parts, entities, strict=True)]
-    return {"id": composite.id, "name": composite.name, "label": composite.label, "parts": parts}
+def _composites(mesh: Mesh) -> list[Facts]:
+    """The composites; those that hold the same numbers of entities share a list, since a mesh may have very many."""
+    known: dict[tuple[tuple[str, int], ...], list[Facts]] = {}
+    found = []
+    for composite, counts in zip(mesh.composites, mesh.counts.composites, strict=True):
+        key = tuple((tag, count) for (tag, _), count in zip(composite.parts, counts, strict=True))
+        parts = known.setdefault(key, [{"tag": tag, "entities": count} for tag, count in key])
+        found.append({"id": composite.id, "name": composite.name, "label": composite.label, "parts": parts})
+    return found

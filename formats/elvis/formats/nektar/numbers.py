@@ -165,10 +165,12 @@ def chunks(section: Buffer, start: int, stop: int) -> Iterator[bytes]:
 
 
 _ALLOWED = b"0123456789,- \t\r\n"
+#: digits of an id that surely fits into 64 bits
+_SHORT_ID = 18
 _TO_BLANKS = bytes.maketrans(b",-", b"  ")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, slots=True)
 class IdList:
     """Ranges ``first[i]`` to ``last[i]``, both included, in order; nothing is expanded yet."""
 
@@ -206,6 +208,8 @@ class IdList:
         Raises FormatError for a list that repeats the same ids many times.
         """
         start = np.searchsorted(present, self.first, "left")
+        if self.first is self.last and start.max(initial=0) < len(present) and (present[start] == self.first).all():
+            return self.first
         lengths = np.searchsorted(present, self.last, "right") - start
         if lengths.sum() > 16 * (len(present) + len(self.first)):
             raise FormatError(f"expected a list of {len(present)} ids at most, found {lengths.sum()}")
@@ -215,6 +219,10 @@ class IdList:
 def parse_ids(text: str | bytes) -> IdList:
     """The list in ``text``; raises FormatError for anything but ids, commas and ascending ranges."""
     raw = text.encode("utf-8", "replace") if isinstance(text, str) else text
+    if raw.isdigit() and len(raw) <= _SHORT_ID:
+        # most lists of a file with many composites have one id
+        values = np.array([int(raw)])
+        return IdList(values, values)
     if wrong := raw.translate(None, _ALLOWED):
         raise FormatError(f"expected a list of ids, found the character {chr(wrong[0])!r}")
     values = ints(raw.translate(_TO_BLANKS))

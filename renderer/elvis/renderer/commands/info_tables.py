@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from elvis.plugins.report import RecordedReport
 
 Facts = dict[str, Any]
+Row = tuple[object, ...]
 
 
 def print_opened(facts: Facts) -> None:
@@ -40,7 +41,7 @@ def print_facts(facts: Facts, many: int | None) -> None:
     maps = [_expansion_row(expansion) for expansion in facts["geometry"]["expansions"]]
     fields = [_field_row(field) for field in facts["fields"]]
     orders = list(_orders(facts["fields"]))
-    composites = [_composite_row(composite) for composite in facts["composites"]]
+    composites = shortened(facts["composites"], many, _composite_row)
     report = RecordedReport.of(facts["metadata"])
     # the table of the map shows these keys, and so does the report
     shown_elsewhere = {MAP_KEY, *((CONVERTED, REPORT) if report else ())}
@@ -57,7 +58,7 @@ def print_facts(facts: Facts, many: int | None) -> None:
         (("quantity", "lower bound", "upper bound", "least found", "greatest found"), ranges),
         (("distance to", "faces", "sign"), targets),
         (("fields", "on", "elements", "bases", "modes (order + 1)"), shortened(orders, many)),
-        (("composite", "name", "holds"), shortened(composites, many)),
+        (("composite", "name", "holds"), composites),
         (("metadata", "value"), shortened(metadata, many)),
     ]
     for headers, rows in tables:
@@ -196,12 +197,16 @@ def _composite_row(composite: Facts) -> tuple[object, ...]:
     return composite["id"], composite["name"] or composite["label"] or "", parts
 
 
-def shortened(rows: Sequence[tuple[object, ...]], many: int | None) -> Sequence[tuple[object, ...]]:
-    """At most ``many`` rows, the last of which states how many are missing."""
-    if many is None or len(rows) <= many:
-        return rows
-    blank = ("",) * (len(rows[0]) - 2)
-    return [*rows[: many - 1], ("...", f"{len(rows) - many + 1} more, shown by --all", *blank)]
+def shortened(items: Sequence[Any], many: int | None, row: Callable[[Any], Row] = tuple) -> list[Row]:
+    """At most ``many`` rows, the last of which states how many are missing.
+
+    row  makes the row of an item
+    """
+    if many is None or len(items) <= many:
+        return [row(item) for item in items]
+    rows = [row(item) for item in items[: many - 1]]
+    blank = ("",) * (len(row(items[0])) - 2)
+    return [*rows, ("...", f"{len(items) - many + 1} more, shown by --all", *blank)]
 
 
 def _size(count: int) -> str:
