@@ -9,14 +9,20 @@ that it has waited for, the largest one's memory.
 from __future__ import annotations
 
 import argparse
+import struct
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from itertools import permutations
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 from large import run
+
+from elvis.core.arrays import Floats, Ints
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 
 #: texts by the name of their file; the command reads all of them
 Files = dict[str, bytes]
@@ -348,8 +354,104 @@ NATIVE: dict[str, Maker] = {
     },
 }
 
+
+def boxed(size: int, bytes_of_index: int = 4) -> tuple[Floats, Ints]:
+    """Vertices (n, 3) and tetrahedra (m, 4), from 0, of a cube of cubes: as many as arrays of this size hold.
+
+    Six around a diagonal fill each cube, so that they match everywhere.
+    """
+    side = max(1, int((size / (24 * bytes_of_index + 24)) ** (1 / 3)))
+    axis = np.arange(side + 1)
+    z, y, x = (each.reshape(-1) for each in np.meshgrid(axis, axis, axis, indexing="ij"))
+    steps = np.array([1, side + 1, (side + 1) ** 2])
+    first = (np.arange(side)[:, None, None] * steps[2] + np.arange(side)[:, None] * steps[1] + np.arange(side)).ravel()
+    cells = []
+    for order in permutations(range(3)):
+        ends = np.concatenate([[0], steps[list(order)].cumsum()])
+        # odd permutations mirror the tetrahedron
+        is_even = order in ((0, 1, 2), (1, 2, 0), (2, 0, 1))
+        cells.append(first[:, None] + (ends if is_even else ends[[1, 0, 2, 3]]))
+    return np.stack([x, y, z], axis=1).astype(np.float64), np.concatenate(cells)
+
+
+def binary_gmf(size: int) -> Files:
+    """Matching tetrahedra in a binary file of version 3."""
+    points, cells = boxed(size, 5)
+    vertices = np.zeros(len(points), [("place", "<f8", 3), ("reference", "<i4")])
+    vertices["place"] = points
+    rows = np.ones((len(cells), 5), "<i4")
+    rows[:, :4] = cells + 1
+    text, start = struct.pack("<ii", 1, 3) + struct.pack("<iqi", 3, 24, 3), 24
+    for code, table in ((4, vertices), (8, rows)):
+        body = struct.pack("<i", len(table)) + table.tobytes()
+        start = len(text) + 12 + len(body)
+        text += struct.pack("<iq", code, start) + body
+    return {"a.meshb": text + struct.pack("<iq", 54, 0)}
+
+
+def written(write: Callable[[Path], object], name: str) -> Files:
+    """The file that a writer of paths writes."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / name
+        write(path)
+        return {name: path.read_bytes()}
+
+
+def exodus(size: int, container: str = "hdf5") -> Files:
+    """Matching tetrahedra in an Exodus file."""
+    from exodus_writer import ExodusBlock, write_classic, write_hdf5
+
+    points, cells = boxed(size)
+    write = write_hdf5 if container == "hdf5" else write_classic
+    return written(lambda path: write(path, [ExodusBlock("a", "TETRA", cells)], points), "a.e")
+
+
+def cgns(size: int) -> Files:
+    """Matching tetrahedra in a CGNS file."""
+    import cgns_writing
+
+    points, cells = boxed(size)
+    section = cgns_writing.section("a", 10, 1, cells)
+    zone = cgns_writing.unstructured("zone", points, len(cells), section)
+    return written(lambda path: cgns_writing.write_hdf5(path, [cgns_writing.base(zone)], 4.0), "a.cgns")
+
+
+def gmsh_binary(size: int) -> Files:
+    """Matching tetrahedra in a binary mesh of version 2.2."""
+    points, cells = boxed(size, 8)
+    nodes = np.zeros(len(points), [("number", "<i4"), ("place", "<f8", 3)])
+    nodes["number"], nodes["place"] = np.arange(1, len(points) + 1), points
+    rows = np.ones((len(cells), 7), "<i4")
+    rows[:, 0], rows[:, 3:] = np.arange(1, len(cells) + 1), cells + 1
+    head = b"$MeshFormat\n2.2 1 8\n" + struct.pack("<i", 1) + b"\n$EndMeshFormat\n"
+    head += b"$Nodes\n%d\n" % len(nodes) + nodes.tobytes() + b"\n$EndNodes\n$Elements\n%d\n" % len(rows)
+    return {"a.msh": head + struct.pack("<3i", 4, len(rows), 2) + rows.tobytes() + b"\n$EndElements\n"}
+
+
+def native_hdf5(size: int) -> Files:
+    """Matching tetrahedra in the native format's HDF5 files."""
+    from elvis import Dataset, Shape, write
+    from elvis.core.mapping.connectivity import connected
+
+    points, cells = boxed(size, 16)
+    mesh = connected(points, {Shape.TETRAHEDRON: cells})
+    with TemporaryDirectory() as folder:
+        write(Dataset(mesh), Path(folder) / "a.xml", mesh_format="hdf5")
+        return {path.name: path.read_bytes() for path in Path(folder).iterdir()}
+
+
+BINARY: dict[str, Maker] = {
+    "gmf": binary_gmf,
+    "exodus": exodus,
+    "netcdf": lambda size: exodus(size, "classic"),
+    "cgns": cgns,
+    "gmsh": gmsh_binary,
+    "native": native_hdf5,
+}
+
 READERS: dict[str, dict[str, Maker]] = {
-    "native": NATIVE, "gmf": GMF, "mfem": MFEM, "gmsh": GMSH, "vtk": VTK, "ngsolve": NGSOLVE, "nurbs": NURBS,
+    "binary": BINARY, "native": NATIVE, "gmf": GMF, "mfem": MFEM, "gmsh": GMSH, "vtk": VTK, "ngsolve": NGSOLVE,
+    "nurbs": NURBS,
 }  # fmt: skip
 
 
