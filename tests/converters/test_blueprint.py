@@ -292,3 +292,13 @@ def test_numbers_beyond_machine_integers_are_rejected():
     node["fields"]["u"]["values"][3] = 10**400
     with pytest.raises(ElvisError, match="field u: values: expected an array of real numbers, found"):
         from_blueprint(node)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("number", [1e200, 1e308, np.longdouble("1e400")])
+def test_numbers_that_overflow_in_products_give_no_warning(number):
+    node = bad_node(0)
+    node["state"] = {"time": 0.0}
+    node["fields"]["u"]["values"] = np.array(node["fields"]["u"]["values"], np.longdouble)
+    node["fields"]["u"]["values"][3] = number
+    assert from_blueprint(node).field("u").blocks

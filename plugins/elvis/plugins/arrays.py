@@ -195,7 +195,9 @@ def host_array(what: str, values: Any) -> Floats:
         found = np.from_dlpack(values) if has_dlpack else np.asarray(values)
         if found.dtype.kind not in "biufO":
             raise TypeError
-        return np.asarray(found, np.float64)
+        # numbers beyond the range become infinite
+        with np.errstate(over="ignore"):
+            return np.asarray(found, np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise ElvisError(f"{what}: expected an array of real numbers, found {short_text(values)}") from error
     except (BufferError, RuntimeError) as error:

@@ -121,6 +121,8 @@ class _Attempt:
         return report_of(orders.source, orders.plan, self.findings, self.straight, self.fitted, has_map, files)
 
 
+# the largest numbers of a source overflow in products: what becomes infinite is reported by its findings
+@np.errstate(over="ignore", invalid="ignore")
 def convert(source: Converter, settings: Settings | None = None, files: Sequence[str | Path] = ()) -> Conversion:
     """The native dataset of a source, checked against the source's own samples.
 
