@@ -61,7 +61,7 @@ def subdivided(surface, point, goal=1e-13):
             least.append(np.min(near, axis=0) - group.bounds[:, 9])
         if best - min(map(np.min, least)) < goal:
             return best
-        kept = [group.take(np.flatnonzero(low <= best)) for group, low in zip(waiting, least, strict=True)]
+        kept = [group.part(np.flatnonzero(low <= best)) for group, low in zip(waiting, least, strict=True)]
         waiting = [group.parts() for group in kept if len(group)]
     raise AssertionError("expected subdivision to settle")
 
@@ -70,7 +70,8 @@ def with_points(mesh, seed, beyond, count):
     """A wavy dataset, all its boundary, and points in the box of that and as far as ``beyond`` around it."""
     dataset = Dataset(curved(mesh(seed=seed), wavy, 4))
     surface = surface_of(dataset, "all")
-    low, high = surface.boxes[:, :3].min(axis=0) - beyond, surface.boxes[:, 3:].max(axis=0) + beyond
+    boxes = np.concatenate(list(surface.boxes()))
+    low, high = boxes[:, :3].min(axis=0) - beyond, boxes[:, 3:].max(axis=0) + beyond
     points = np.random.default_rng(seed + 1).uniform(low, high, (count, 3))
     points[:, dataset.mesh.dimension :] = 0.0
     return dataset, surface, points
@@ -82,7 +83,8 @@ def test_distances_to_curved_boundaries_match_those_of_subdivision(mesh):
     _, surface, points = with_points(mesh, seed=1, beyond=0.5, count=25)
     found = nearest(surface, points)
     truth = [subdivided(surface, point) for point in points]
-    size = np.linalg.norm(surface.boxes[:, 3:].max(axis=0) - surface.boxes[:, :3].min(axis=0))
+    boxes = np.concatenate(list(surface.boxes()))
+    size = np.linalg.norm(boxes[:, 3:].max(axis=0) - boxes[:, :3].min(axis=0))
     assert np.abs(np.abs(found.distance) - truth).max() < 1e-11 * size
     gap = np.linalg.norm(points - found.place, axis=1)
     assert np.abs(gap - np.abs(found.distance)).max() < 1e-15

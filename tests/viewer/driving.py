@@ -78,7 +78,7 @@ def _source_of_lost_devices(files, lost):
     def run(*arguments):
         if Path(lost).exists():
             raise RuntimeError("ERROR_DEVICE_LOST")
-        dispatch(*arguments)
+        return dispatch(*arguments)
 
     Kernel._dispatch = run
     return Source(files)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -12,9 +12,10 @@ from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
 from elvis.core.dataset import Dataset
 from elvis.core.distances.boundaries import ALL, Faces, boundaries, faces_of
 from elvis.core.distances.sides import is_closed, sides_of_faces, sides_of_triangles
-from elvis.core.distances.surface_patches import WHOLE, SurfacePatches
+from elvis.core.distances.surface_patches import AT_ONCE, WHOLE, SurfacePatches
 from elvis.core.distances.triangle_files import SUFFIXES, triangles_of
 from elvis.core.mapping.boxes import BoxTree, outward
+from elvis.core.mapping.orientation import chunks
 from elvis.core.ranks import ALONE, Ranks
 
 #: patches in a leaf of the tree
@@ -45,10 +46,11 @@ class Surface:
         """Number of faces."""
         return len(self.sides)
 
-    @cached_property
-    def boxes(self) -> Floats:
-        """(n, 6) low and high corners of boxes that hold the patches, group after group."""
-        return frozen_floats(np.concatenate([group.boxes for group in self.groups]))
+    def boxes(self) -> Iterator[Floats]:
+        """(k, 6) low and high corners of boxes that hold some of the patches, one part after another."""
+        for group in self.groups:
+            for part in chunks(len(group), AT_ONCE):
+                yield group.part(part).boxes
 
     @cached_property
     def bounds(self) -> Sequence[Floats]:
@@ -72,24 +74,31 @@ class Surface:
     @cached_property
     def corners(self) -> tuple[Floats, Ints]:
         """Triangles (3 n, 3) between the corners of all patches, and the patch (n,) that each belongs to."""
-        triangles: list[Floats] = []
-        patches: list[Ints] = []
-        for group, first in zip(self.groups, np.cumsum([0, *map(len, self.groups)]), strict=False):
-            for k in range(1, max(group.corners - 1, 2)):
-                triangles.append(group.vertices[:, [0, k, min(k + 1, group.corners - 1)]])
+        # from corner 0 of each patch, a fan
+        fans = [range(1, max(group.corners - 1, 2)) for group in self.groups]
+        triangles = np.empty((sum(len(group) * len(fan) for group, fan in zip(self.groups, fans, strict=True)), 3, 3))
+        patches, first, start = [np.empty(0, np.int64)], 0, 0
+        for group, fan in zip(self.groups, fans, strict=True):
+            for k in fan:
+                own = triangles[start : start + len(group)]
+                for part in chunks(len(group), AT_ONCE):
+                    own[part] = group.part(part).vertices[:, [0, k, min(k + 1, group.corners - 1)]]
                 patches.append(first + np.arange(len(group)))
-        return frozen_floats(np.concatenate(triangles).reshape(-1, 3)), frozen_ints(np.concatenate(patches))
+                start += len(group)
+            first += len(group)
+        return frozen_floats(triangles.reshape(-1, 3)), frozen_ints(np.concatenate(patches))
 
     @cached_property
     def scale(self) -> float:
         """The largest coordinate or extent, which rounding errors are parts of."""
-        low, high = self.boxes[:, :3].min(axis=0), self.boxes[:, 3:].max(axis=0)
+        ends = [(own[:, :3].min(axis=0), own[:, 3:].max(axis=0)) for own in self.boxes()]
+        low, high = np.min([low for low, _ in ends], axis=0), np.max([high for _, high in ends], axis=0)
         return float(max(np.abs(low).max(), np.abs(high).max(), np.linalg.norm(high - low)))
 
     @cached_property
     def tree(self) -> BoxTree:
         """The hierarchy over `boxes`."""
-        return BoxTree.build(outward(self.boxes[:, :3], self.boxes[:, 3:], 1e-9), LEAF)
+        return BoxTree.build(np.concatenate([outward(own[:, :3], own[:, 3:], 1e-9) for own in self.boxes()]), LEAF)
 
 
 def surface_of(dataset: Dataset | None, target: str) -> Surface:

@@ -11,7 +11,7 @@ a point of the whole.  Three of a triangle's four parts have the size h = 1/2 an
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import comb, perm
 
@@ -19,6 +19,7 @@ import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
 from elvis.core.bounded_cache import bounded_cache
+from elvis.core.mapping.orientation import chunks
 from elvis.core.rows import Rows
 
 CORNERS: Mapping[int, Floats] = {
@@ -33,6 +34,8 @@ BOUNDED = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3
 #: parts that a patch may bend by and still count as nearly flat
 _FLAT = 0.04
 _DEEPEST, _MOST = 7, 1 << 18
+#: patches that are processed together
+AT_ONCE = 1 << 15
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,12 +80,30 @@ class SurfacePatches(Rows):
     @property
     def vertices(self) -> Floats:
         """(n, corners, 3) where the corners lie."""
-        rows = np.arange(len(self))
-        return np.stack([self.at(np.tile(corner, (len(self), 1)), rows) for corner in CORNERS[self.corners]], axis=1)
+        return self._by_part(SurfacePatches._vertices, self.corners, 3)
 
     @property
     def bounds(self) -> Floats:
         """(n, 10) largest lengths of the derivatives `BOUNDED`, and how far the patch may be from its linear part."""
+        return self._by_part(SurfacePatches._bounds, 10)
+
+    @property
+    def boxes(self) -> Floats:
+        """(n, 6) low and high corners of boxes that hold the patches."""
+        return self._by_part(SurfacePatches._boxes, 6)
+
+    def _by_part(self, compute: Callable[[SurfacePatches], Floats], *shape: int) -> Floats:
+        """(n, …) what is computed for a part of the patches at a time, so that intermediate arrays stay small."""
+        found = np.empty((len(self), *shape))
+        for part in chunks(len(self), AT_ONCE):
+            found[part] = compute(self.part(part))
+        return found
+
+    def _vertices(self) -> Floats:
+        rows = np.arange(len(self))
+        return np.stack([self.at(np.tile(corner, (len(self), 1)), rows) for corner in CORNERS[self.corners]], axis=1)
+
+    def _bounds(self) -> Floats:
         size = np.linalg.norm(self.coefficients, axis=3)
         m, k = size.shape[1:]
         columns = []
@@ -91,9 +112,7 @@ class SurfacePatches(Rows):
             columns.append(np.einsum("nji,j,i->n", size, rows_scale, columns_scale))
         return np.stack([*columns, np.where(self._linear, 0.0, size).sum(axis=(1, 2))], axis=1)
 
-    @property
-    def boxes(self) -> Floats:
-        """(n, 6) low and high corners of boxes that hold the patches."""
+    def _boxes(self) -> Floats:
         bend = np.abs(self.coefficients[:, ~self._linear]).sum(axis=1)
         origin, along = self.coefficients[:, 0, 0], self.coefficients[:, 0, 1]
         across = self.coefficients[:, 1, 0] if self.corners > 2 else 0.0
@@ -120,8 +139,10 @@ class SurfacePatches(Rows):
             if self.corners > 2:
                 linear += np.linalg.norm(rest.coefficients[:, 1, 0], axis=1)
             bent = bend > _FLAT * linear
+            if not bent.any():
+                return _join([*done, rest])
             done.append(rest.part(np.flatnonzero(~bent)))
-            if not bent.any() or sum(map(len, done)) + 4 * bent.sum() > _MOST:
+            if sum(map(len, done)) + 4 * bent.sum() > _MOST:
                 return _join([*done, rest.part(np.flatnonzero(bent))])
             rest = rest.part(np.flatnonzero(bent)).parts()
         return _join([*done, rest])
@@ -189,5 +210,7 @@ def _falling_factorials(count: int, times: int) -> Floats:
 
 def _join(patches: list[SurfacePatches]) -> SurfacePatches:
     """Surface patches of one kind as one."""
+    if len(patches) == 1:
+        return patches[0]
     arrays = zip(*((each.coefficients, each.face, each.outer) for each in patches), strict=True)
     return SurfacePatches(patches[0].corners, *map(np.concatenate, arrays))
