@@ -27,8 +27,10 @@ class Rows:
 
     @classmethod
     def joined(cls, several: Sequence[Self]) -> Self:
-        """The items of several records, one after another; all else is that of the first one."""
+        """The items of several records in their order; other values come from the first record."""
         first = several[0]
+        if len(several) == 1:
+            return first
         names = [name for name, _ in first._columns()]
         return first._with({name: _joined([getattr(own, name) for own in several]) for name in names})
 

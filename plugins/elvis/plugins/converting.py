@@ -314,7 +314,7 @@ def _check_field(source: Converter, field: SourceField) -> None:
 def _curve(sampler: Sampler, plan: Topology) -> tuple[Mesh, Positions]:
     """The mesh with the curves of the source's map, in the space of the axes up to the last that is used, and the map.
 
-    Coefficients are kept if the mesh file can't hold all of them: those of the inside of elements.
+    The mesh file has no coefficients for the inside of elements; if there are any, all coefficients are kept.
     """
     is_kept = any(len(entities(block.shape, block.source.order + 1).inside) for block in plan.blocks)
     found = fit_positions(sampler, plan.mesh, plan.blocks, is_kept=is_kept)

@@ -78,7 +78,7 @@ class Record:
 
     @staticmethod
     def of_strips(strips: Iterable[Record]) -> Record:
-        """The record of a picture from those of its rows, from the top."""
+        """The record of a picture from the records of its strips of rows, top first."""
         parts = list(strips)
         names = [own.name for own in fields(Record) if getattr(parts[0], own.name) is not None]
         return Record(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})

@@ -93,7 +93,7 @@ class SurfacePatches(Rows):
         return self._by_part(SurfacePatches._boxes, 6)
 
     def _by_part(self, compute: Callable[[SurfacePatches], Floats], *shape: int) -> Floats:
-        """(n, …) what is computed for a part of the patches at a time, so that intermediate arrays stay small."""
+        """(n, …) results for all patches; they are computed for a few at a time to keep intermediate arrays small."""
         found = np.empty((len(self), *shape))
         for part in chunks(len(self), AT_ONCE):
             found[part] = compute(self.part(part))
@@ -140,12 +140,12 @@ class SurfacePatches(Rows):
                 linear += np.linalg.norm(rest.coefficients[:, 1, 0], axis=1)
             bent = bend > _FLAT * linear
             if not bent.any():
-                return _join([*done, rest])
+                return SurfacePatches.joined([*done, rest])
             done.append(rest.part(np.flatnonzero(~bent)))
             if sum(map(len, done)) + 4 * bent.sum() > _MOST:
-                return _join([*done, rest.part(np.flatnonzero(bent))])
+                return SurfacePatches.joined([*done, rest.part(np.flatnonzero(bent))])
             rest = rest.part(np.flatnonzero(bent)).parts()
-        return _join([*done, rest])
+        return SurfacePatches.joined([*done, rest])
 
     def parts(self) -> SurfacePatches:
         """The parts of all patches."""
@@ -155,7 +155,7 @@ class SurfacePatches(Rows):
             s, t = _shift_matrix(k, middle[0], half), _shift_matrix(m, middle[1], half)
             coefficients = np.einsum("njix,ia,jb->nbax", self.coefficients, s, t, optimize=True)
             made.append(SurfacePatches(self.corners, coefficients, self.face, self._outer_of(number)))
-        return _join(made)
+        return SurfacePatches.joined(made)
 
     def _outer_of(self, number: int) -> Ints:
         """(n,) `outer` of a part: parts at a corner of the whole keep it and half of its sides.
@@ -206,11 +206,3 @@ def _powers(points: Floats, count: int, most: int) -> Floats:
 def _falling_factorials(count: int, times: int) -> Floats:
     """i (i - 1) … for every power i."""
     return np.array([perm(i, times) for i in range(count)], np.float64)
-
-
-def _join(patches: list[SurfacePatches]) -> SurfacePatches:
-    """Surface patches of one kind as one."""
-    if len(patches) == 1:
-        return patches[0]
-    arrays = zip(*((each.coefficients, each.face, each.outer) for each in patches), strict=True)
-    return SurfacePatches(patches[0].corners, *map(np.concatenate, arrays))

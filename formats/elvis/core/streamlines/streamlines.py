@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from dataclasses import fields as fields_of
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import ElvisError
 from elvis.core.files.columns import Columns
 from elvis.core.quantities.expression import Expression, column_expressions
+from elvis.core.rows import Rows
 from elvis.core.streamlines.course import SPACING, Course, Flow, MakeTracer, components_of, positive
 from elvis.core.streamlines.endings import CLIPPED, WORDS, End, end_names
 from elvis.core.streamlines.flow_data import FlowSource, flow_data
@@ -182,7 +182,7 @@ def trace(
 
 
 @dataclass(frozen=True, eq=False)
-class Points:
+class Points(Rows):
     """The points of lines: line (m,), patch (m,), row (m,), time (m,), state (m, s)."""
 
     line: Ints
@@ -191,14 +191,11 @@ class Points:
     time: Floats
     state: Floats
 
-    @staticmethod
-    def joined(parts: Sequence[Points]) -> Points:
+    @classmethod
+    def joined(cls, several: Sequence[Points]) -> Points:
         """Several as one, each line's points after one another."""
-        line, patch, row, time, state = (
-            np.concatenate([getattr(part, each.name) for part in parts]) for each in fields_of(Points)
-        )
-        order = np.argsort(line, kind="stable")
-        return Points(line[order], patch[order], row[order], time[order], state[order])
+        found = super().joined(several)
+        return found.part(np.argsort(found.line, kind="stable"))
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,8 @@ radius is small.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -50,13 +51,10 @@ class LineSegments(Rows):
     sure: Floats
     radius: Floats
 
-    @staticmethod
-    def concatenate(parts: list[LineSegments]) -> LineSegments:
-        """Several as one."""
-        every = [LineSegments(np.empty((0, 2, 2)), np.empty((0, 2, 2)), np.empty(0)), *parts]
-        return LineSegments(
-            *(np.concatenate([getattr(part, own.name) for part in every]) for own in fields(LineSegments))
-        )
+    @classmethod
+    def joined(cls, several: Sequence[LineSegments]) -> LineSegments:
+        """Several as one; there may be none."""
+        return super().joined([LineSegments(np.empty((0, 2, 2)), np.empty((0, 2, 2)), np.empty(0)), *several])
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +79,7 @@ class Search:
         """All segments of the contour."""
         count = len(self.patch) if self.equation.leaves else 0
         rows = [np.arange(first, min(first + _CHUNK, count)) for first in range(0, count, _CHUNK)]
-        return LineSegments.concatenate([segment for some in rows for segment in self._halve(self._boxes(some))])
+        return LineSegments.joined([segment for some in rows for segment in self._halve(self._boxes(some))])
 
     def _boxes(self, rows: Ints) -> Boxes:
         """Whole elements: their fields, then x, y and z."""

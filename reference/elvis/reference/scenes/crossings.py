@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,9 +53,7 @@ class Crossings(Rows):
     @staticmethod
     def concatenate(parts: Sequence[Crossings]) -> Crossings:
         """Several lists as one, in order."""
-        every = [Crossings.none(), *parts]
-        columns = [np.concatenate([getattr(part, own.name) for part in every]) for own in fields(Crossings)]
-        found = Crossings(*columns)
+        found = Crossings.joined([Crossings.none(), *parts])
         return found.part(np.lexsort([found.depth, found.pixel]))
 
     def weighed(self, view: View, size: float) -> Crossings:

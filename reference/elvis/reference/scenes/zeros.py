@@ -8,8 +8,8 @@ Equations, 2014, part I).
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -34,7 +34,7 @@ _BISECTIONS = 50
 
 
 @dataclass(frozen=True, eq=False)
-class Zeros:
+class Zeros(Rows):
     """Zeros, in no order.
 
     which   (k,)  of the functions
@@ -48,11 +48,11 @@ class Zeros:
     double: Bools
     rough: Bools
 
-    @staticmethod
-    def concatenate(parts: list[Zeros]) -> Zeros:
-        """Several as one."""
+    @classmethod
+    def joined(cls, several: Sequence[Zeros]) -> Zeros:
+        """Several as one; there may be none."""
         none = Zeros(np.empty(0, np.int64), np.empty(0), np.empty(0, bool), np.empty(0, bool))
-        return Zeros(*(np.concatenate([getattr(own, each.name) for own in [none, *parts]]) for each in fields(Zeros)))
+        return super().joined([none, *several])
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +113,7 @@ def zeros(along: Along, degree: int, accuracy: Floats, noise: Floats | float = 0
         if depth == _PARTED:
             found += _unresolved(parts, values, usual, open_)
         parts = parts.part(open_).halves()
-    return Zeros.concatenate(found)
+    return Zeros.joined(found)
 
 
 def _unresolved(parts: _Parts, values: Floats, usual: Floats, is_open: Bools) -> list[Zeros]:
