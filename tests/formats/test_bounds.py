@@ -606,3 +606,15 @@ def test_roundings_in_a_row_are_off_by_no_more_than_gamma(count):
     unit = 2.0**-4
     assert gamma(count, unit) == pytest.approx(1 / (1 - count * unit) - 1, rel=1e-14)
     assert (1 - unit) ** -count - 1 <= gamma(count, unit)
+
+
+def test_eigenvalues_are_known_unless_a_left_eigenvector_may_be_normal_to_the_first_axis():
+    """Of matrices with complex eigenvalues, and 0 with one that is normal to it, or at an obtuse angle to the right."""
+    turning = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 0]])
+    basis = np.array([[1.0, 1, 0], [2, 1, 0], [0, 0, 1]])
+    assert np.linalg.inv(basis)[0, 0] < 0
+    oblique = basis @ turning[::-1, ::-1] @ np.linalg.inv(basis)
+    matrices = np.array([turning, turning[::-1, ::-1], oblique])
+    nothing = MatrixRange(np.zeros((3, 3, 3)), np.zeros((3, 3, 3)))
+    known = Eigenvalue.of(MatrixRange(matrices, 1e-3 * np.array([0, 1, 1])[:, None, None] * np.ones((3, 3))), [nothing])
+    assert known.is_known.tolist() == [False, True, True]

@@ -246,7 +246,7 @@ def test_roots_beyond_the_slanted_side_are_kept_within_reach(part, is_kept):
 @pytest.mark.parametrize("degrees", [(1,), (3,)])
 def test_all_roundings_of_products_are_counted(monkeypatch, degrees):
     """All terms of one sign, each product, sum and weight rounded away from zero."""
-    monkeypatch.setattr(determinants, "_UNIT", COARSE)
+    monkeypatch.setattr(determinants, "UNIT", COARSE)
     space = BernsteinSpace(Shape.TRIANGLE, degrees)
     ones = Polynomials(space, np.ones((space.count, 1)), np.zeros(1))
     # a weight times each factor, their product, sums of as many terms as the shorter factor has, and a quotient
@@ -259,18 +259,20 @@ def test_all_roundings_of_products_are_counted(monkeypatch, degrees):
 
 @pytest.mark.parametrize("shape", [Shape.TRIANGLE, Shape.HEXAHEDRON, Shape.PYRAMID])
 def test_all_roundings_of_derivatives_are_counted(monkeypatch, shape):
-    """Modal coefficients of one size: products and sums of all modes, differences, and multiples of degrees."""
-    monkeypatch.setattr(determinants, "_UNIT", COARSE)
+    """Modal coefficients of one size: entries, products and sums of modes, differences, and multiples of degrees."""
+    monkeypatch.setattr(determinants, "UNIT", COARSE)
     d, degree = shape.dimension, 3
     expansion = modified(shape, (degree + 1,) * d)
     count = determinants.to_bernstein(expansion).shape[0]
     coefficients = np.random.default_rng(1).choice([-1.0, 1.0], (COUNT, 3, count))
     columns = determinants.tangents(expansion, coefficients)
     size = np.abs(coefficients) @ np.abs(determinants.to_bernstein(expansion)).max(axis=1)
+    # sums of modes, those of one direction after the other on hexahedra, and entries with 4 roundings a direction
+    roundings = (d * (degree + 1) if shape is Shape.HEXAHEDRON else count) + 4 * d
     for direction, column in enumerate(columns):
         for axis, own in enumerate(column):
             # both coefficients of a difference, times half the degree; the difference and the product
-            off = degree * size[:, axis] * ((1 + COARSE) ** (count + 1) - 1)
+            off = degree * size[:, axis] * ((1 + COARSE) ** roundings - 1)
             is_divided = shape is Shape.PYRAMID and direction < 2
             away = off * (degree if is_divided else 1)
             assert (away <= own.error).all()

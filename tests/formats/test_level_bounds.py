@@ -1,6 +1,7 @@
 """Bounds on surfaces, on parts that they cut out and along kinks: against closed forms, and without a term."""
 
 from math import exp, pi, sinh
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -299,3 +300,23 @@ def test_the_smallest_known_change_by_moving_counts():
     shifts, radii = np.array([[0.1, 1e-4]] * 3), np.array([[np.inf, 2.0], [4.0, 2.0], [np.inf, 2.0]])
     found = level_error._changes_of_moved(np.array([1e-6, 1e-6, 1e-3]), shifts, radii)
     assert found.tolist() == pytest.approx([2 * 1e-2 * 2.0, 2 * 1e-5 * 4.0, np.inf])
+
+
+def test_ends_of_parts_are_in_discs_around_parabolas():
+    """An end j = 1/2 + q(i - 1/2) on either face with q(x) = (x + x^2 + x^3)/10: its disc ends where q does."""
+    places = np.linspace(0, 1, 4)
+    x = places - 0.5
+    ends = 0.5 + (x + x**2 + x**3) / 10
+    controls = np.linalg.solve(line_tables(3, places)[0], ends)
+    upright = np.array([0.0, 1.0]) - controls[:, None]
+    elsewhere = np.full_like(upright, 2.0)
+    middle, first = np.full(2, 0.5), np.array([[0.5, 1.0]] * 2)
+    farthest = (first + first**2 + first**3) / 10
+    for faces in ([upright, elsewhere], [elsewhere, upright]):
+        nets = np.stack([np.stack(faces, axis=2), np.stack(faces[::-1], axis=2)])
+        kinds = np.array([[0, -1], [1, -1]]) if faces[0] is upright else np.array([[1, -1], [0, -1]])
+        parts = SimpleNamespace(kinds=kinds, ends=np.full((2, 2), 0.5))
+        found = graph_discs._end_radii(nets, parts, 0, middle, first)
+        assert (found >= farthest).all()
+        assert (found <= 1.1 * farthest).all()
+        assert not graph_discs._end_radii(nets, parts, 1, middle, first).any()

@@ -34,15 +34,19 @@ def gamma(roundings: int, unit: float = UNIT) -> float:
 def coefficient_rounding(
     expansion: Expansion, modal: Floats, space: BernsteinSpace | None = None, unit: float = UNIT
 ) -> Floats:
-    """(...,) maximum error of Bernstein coefficients of polynomials with ``modal`` coefficients (..., m).
+    """(...,) maximum error of Bernstein coefficients of polynomials with ``modal`` coefficients (..., m)."""
+    summed = bernstein_coefficients(expansion, modal, space, magnitudes=True).max(axis=-1, initial=0.0)
+    return np.asarray(gamma(coefficient_roundings(expansion, modal.shape[-1]), unit) * summed)
+
+
+def coefficient_roundings(expansion: Expansion, modes: int) -> int:
+    """Roundings of a Bernstein coefficient of a polynomial with this number of modes.
 
     An entry of the matrix has a quotient and an irrational scale in each direction, 3 roundings, and their product, 1.
     One more covers the rounding of the magnitudes.
     """
-    summed = bernstein_coefficients(expansion, modal, space, magnitudes=True).max(axis=-1, initial=0.0)
-    is_tensor = expansion.shape in TENSOR
-    terms = sum(expansion.modes) if is_tensor else modal.shape[-1]
-    return np.asarray(gamma(terms + 4 * expansion.shape.dimension + 1, unit) * summed)
+    terms = sum(expansion.modes) if expansion.shape in TENSOR else modes
+    return terms + 4 * expansion.shape.dimension + 1
 
 
 def box_roundings(space: BernsteinSpace) -> int:

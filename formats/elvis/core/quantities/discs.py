@@ -261,7 +261,7 @@ def imaginary_root(value: Callable[..., Any]) -> Callable[[Disc, Disc], Disc]:
 
 
 def _real_root(a: Disc, b: Disc, near: Any) -> Disc:
-    """The root of t^3 + a t + b near a number r that is the only one in its disc.
+    """The root of t^3 + a t + b near a number r, with a positive slope, that is the only one in its disc.
 
     With t = r + w: w = -(p(r) + 3 r w^2 + w^3) / (3 r^2 + a).  If the right side maps |w| <= W into itself and is a
     contraction there, for all a and b, one simple root is inside (Banach), which is an analytic function of a and b.
@@ -269,7 +269,7 @@ def _real_root(a: Disc, b: Disc, near: Any) -> Disc:
     residual = np.abs(near**3 + a[0] * near + b[0]) + a[1] * np.abs(near) + b[1]
     rounding = _ROUNDING * (np.abs(near) ** 3 + np.abs(a[0] * near) + np.abs(b[0]))
     slope = 3 * near * near + a[0]
-    steep = np.abs(slope) * (1 - _ROUNDING) - a[1]
+    steep = slope * (1 - _ROUNDING) - a[1]
     width = 2 * (residual + rounding) / steep
     # where it is a contraction, 3 r W^2 + W^3 is less than half of steep W, and p(r) the other half
     contracts = 6 * np.abs(near) * width + 3 * width**2 < steep

@@ -27,10 +27,10 @@ from elvis.core.polynomials.bernstein import (
     differentiate,
     to_bernstein,
 )
+from elvis.core.polynomials.rounding import UNIT, coefficient_roundings, gamma
 from elvis.core.polynomials.row_products import row_products
 from elvis.core.shapes import TENSOR, Shape
 
-_UNIT = np.finfo(np.float64).eps / 2
 #: coefficients of products that are summed together: they stay in the processor's cache
 _CACHED = 1 << 18
 
@@ -59,7 +59,7 @@ class Polynomials:
         return self._sum(other, self.net + other.net)
 
     def _sum(self, other: Polynomials, net: Floats) -> Polynomials:
-        error = self.error + other.error + _UNIT * np.abs(net).max(axis=0)
+        error = self.error + other.error + UNIT * np.abs(net).max(axis=0)
         return Polynomials(self.space, net, error)
 
     def __mul__(self, other: Polynomials) -> Polynomials:
@@ -74,7 +74,7 @@ class Polynomials:
 
         # each coefficient sums at most as many products as the shorter factor has coefficients
         a, b = self.magnitude, other.magnitude
-        error = a * other.error + b * self.error + (short.space.count + 8) * _UNIT * a * b
+        error = a * other.error + b * self.error + (short.space.count + 8) * UNIT * a * b
         return Polynomials(space, net, error)
 
 
@@ -146,7 +146,7 @@ def tangents(expansion: Expansion, coefficients: Floats) -> list[list[Polynomial
     nets = bernstein_coefficients(expansion, coefficients)
     greatest = np.abs(to_bernstein(expansion, space)).max(axis=1)
     sizes = row_products(np.abs(coefficients), greatest[:, None])[..., 0]
-    errors = (coefficients.shape[-1] + 2) * _UNIT * sizes
+    errors = gamma(coefficient_roundings(expansion, coefficients.shape[-1]), UNIT) * sizes
     return [_derivatives(space, nets, errors, direction) for direction in range(expansion.shape.dimension)]
 
 
@@ -154,7 +154,7 @@ def _derivatives(space: BernsteinSpace, nets: Floats, errors: Floats, direction:
     """The derivatives in one direction of nets (n, 3, count) with ``errors`` (n, 3)."""
     lower, derivatives = differentiate(space, nets, direction)
     top = max(lower.degrees) + 1
-    errors = top * errors + 2 * _UNIT * np.abs(derivatives).max(axis=2)
+    errors = top * errors + 2 * UNIT * np.abs(derivatives).max(axis=2)
     if space.shape is Shape.PYRAMID and direction < 2:
         lower, derivatives, errors = _divide(lower, derivatives, errors)
     return [Polynomials(lower, np.ascontiguousarray(derivatives[:, i].T), errors[:, i]) for i in range(3)]
