@@ -13,6 +13,7 @@ from elvis import from_arrays, integrate, read, trace, vortex_cores
 from elvis.core.interfaces import hanging
 from elvis.core.interfaces.feet import feet
 from elvis.core.interfaces.interface_composites import with_interfaces
+from elvis.core.interfaces.side_groups import side_set
 from elvis.core.mesh import NON_CONFORMING
 from elvis.core.shapes import Shape
 from elvis.plugins.command import elvis as group
@@ -635,3 +636,20 @@ def test_memory_of_tangled_elements_is_in_proportion_to_their_number():
         tracemalloc.stop()
         assert found.warnings[0].startswith(f"{4 * count} faces may lie on faces of other elements")
     assert peaks[1] < 3 * peaks[0]
+
+
+@pytest.mark.parametrize(("size", "share"), [(1.0, 0.9), (0.8, 0.2)])
+def test_hopeless_sides_found_quickly_are_those_of_the_search(size, share):
+    """Sides that are compared with some others nearby are a part of those that the search leaves undecided."""
+    random = np.random.default_rng(5)
+    corners = 3 * random.random((400, 1, 3)) * (1 - size) + size * random.random((400, 4, 3))
+    reference = {"tetrahedron": Shape.TETRAHEDRON.vertices}
+    dataset = from_arrays({"tetrahedron": corners}, {"u": {"tetrahedron": corners[..., 0]}}, reference=reference)
+    sides = side_set(dataset, np.ones(dataset.mesh.of(Shape.TRIANGLE).ids.size, bool))
+    search = hanging._Search(sides, np.arange(len(sides)), np.zeros(len(sides), bool), True, 1e-16)
+    quick = search.hopeless()
+    _, touched, covered = search.contacts(search.possible(np.zeros(len(sides), bool)), 0)
+    assert touched[quick].all()
+    assert search.is_crowded[quick].all()
+    assert not covered[quick].any()
+    assert share * len(sides) < quick.sum() < len(sides)

@@ -9,12 +9,12 @@ nothing: the integrals of n and of x . n over all sides that touch one another a
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.interfaces.crowded_sides import HOPELESS, POINTS_AT_ONCE, hopeless_sides, shares
 from elvis.core.interfaces.feet import feet
 from elvis.core.interfaces.side_groups import COLLAPSED, SideGroup, SideSet
 from elvis.core.mapping.boxes import Boxes, BoxTree, meet, outward
@@ -33,10 +33,7 @@ OPPOSITE = -0.9
 FACING = 0.5
 #: sides with whose boxes a point of a side is compared at most, in the mean
 MOST_OTHERS = 16
-#: the same number from which on a side is not examined at all: it may lie on any of them
-HOPELESS = 32
-#: points of sides that are compared with others together, and pairs of a point and a node of the tree
-POINTS_AT_ONCE = 1 << 13
+#: pairs of a point and a node of the tree that are compared together
 NODES_AT_ONCE = 1 << 14
 #: pairs of a point and a side whose distance is determined together
 PAIRS_AT_ONCE = 1 << 14
@@ -96,8 +93,10 @@ def hanging(sides: SideSet, named: Bools, is_oriented: bool, precision: float) -
     search = _Search(sides, every[~collapsed], named, is_oriented, precision)
 
     # a first look at few points of each side
-    possible = search.possible()
+    hopeless = search.hopeless()
+    possible = search.possible(hopeless)
     probes, touched, covered = search.contacts(possible, 0)
+    touched |= hopeless
     likely = np.flatnonzero(covered & ~search.is_crowded)
     if not touched.any():
         return Hanging(sides.entity[collapsed], np.empty(0, np.int64))
@@ -179,18 +178,23 @@ class _Search:
         extra = NEAR * self._size[own, None] + self._rounding
         return low - extra, high + extra
 
-    def possible(self) -> Ints:
-        """Ascending sides whose boxes meet the box of another side that faces them."""
+    def hopeless(self) -> Bools:
+        """(n,) some of the sides that `contacts` would find to be hopeless."""
+        facing = FACING if self.is_oriented else None
+        return hopeless_sides(self.sides, self._candidates, self._tree, self._normals, facing)
+
+    def possible(self, known: Bools) -> Ints:
+        """Ascending sides whose boxes meet the box of another side that faces them, without those ``known`` (n,)."""
         found = np.zeros(len(self.sides), bool)
         for part in chunks(len(self._candidates), POINTS_AT_ONCE):
-            found[self._candidates[part]] = self._are_met(part)
-        return np.flatnonzero(found)
+            found[self._candidates[part]] = self._are_met(part, known)
+        return np.flatnonzero(found & ~known)
 
-    def _are_met(self, part: slice) -> Bools:
+    def _are_met(self, part: slice, known: Bools) -> Bools:
         """(k,) which of the candidates of a part are possible; one that is met is compared with no further sides."""
         own = self._candidates[part]
         low, high = self._enlarged(part)
-        is_met = np.zeros(len(own), bool)
+        is_met = known[own]
 
         def meets(boxes: Boxes, rows: Ints, which: Ints) -> Bools:
             return _meet_unless(is_met[which], low, high, boxes, rows, which)
@@ -216,16 +220,10 @@ class _Search:
         touched, covered = np.zeros((2, len(self.sides)), bool)
         codes = None if known is None else np.unique(self._code(known.side, known.other))
         found = []
-        for own in self._shares(chosen, count):
+        for own in shares(chosen, count):
             part, touched[own], covered[own] = self._contacts(own, count, codes)
             found.append(part)
         return _Contacts.joined(found), touched, covered
-
-    def _shares(self, chosen: Ints, count: int) -> Iterator[Ints]:
-        """The sides ``chosen`` (k,), as many at a time as have `POINTS_AT_ONCE` points."""
-        most = max(1, count * count, 5)
-        for part in chunks(len(chosen), max(1, POINTS_AT_ONCE // most)):
-            yield chosen[part]
 
     def _contacts(self, chosen: Ints, count: int, codes: Ints | None) -> tuple[_Contacts, Bools, Bools]:
         """`contacts` of some sides; the other results are (k,)."""

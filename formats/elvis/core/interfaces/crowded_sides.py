@@ -1,0 +1,91 @@
+"""A quick look at the sides of broken meshes, each of which may lie on very many others."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.interfaces.side_groups import SideSet
+from elvis.core.mapping.boxes import Boxes, BoxTree
+from elvis.core.mapping.orientation import chunks
+
+#: sides whose boxes hold a point of a side, in the mean, from which on it is not examined: it may lie on any of them
+HOPELESS = 32
+#: points of sides that are compared with others together
+POINTS_AT_ONCE = 1 << 13
+#: sides with which many others are compared together, and how often at most
+OTHERS_AT_ONCE = 64
+MOST_BLOCKS = 8
+#: part of the examined sides that must be hopeless for the search to go on
+WORTHWHILE = 0.25
+#: room for the rounding of cosines
+COSINE_ROUNDING = 1e-9
+
+
+def shares(chosen: Ints, count: int) -> Iterator[Ints]:
+    """The sides ``chosen`` (k,), as many at a time as have `POINTS_AT_ONCE` points; count as in `SideSet.samples`."""
+    most = max(1, count * count, 5)
+    for part in chunks(len(chosen), max(1, POINTS_AT_ONCE // most)):
+        yield chosen[part]
+
+
+def hopeless_sides(sides: SideSet, candidates: Ints, tree: BoxTree, normals: Floats, facing: float | None) -> Bools:
+    """(n,) sides for certain that have too many others at their points to be examined.
+
+    candidates  (m,) the sides that are compared
+    tree        over their boxes
+    normals     (n, 3) into the elements, at the centres of all sides
+    facing      cosine of the angle between normals below which two sides may coincide; None for all pairs
+
+    A side is compared only with those next to it in the order of the tree.  The search ends as soon as few sides are
+    found: it costs little if the mesh is sound, and almost nothing else is left to do if it is broken everywhere.
+    """
+    found = np.zeros(len(sides), bool)
+    parts = list(shares(tree.order.astype(np.int64), 0))
+    examined = 0
+    for number in np.random.default_rng(0).permutation(len(parts)).tolist():
+        own = candidates[parts[number]]
+        found[own] = _are_hopeless(sides, own, tree.boxes[parts[number]], normals[own], facing)
+        examined += len(own)
+        if found.sum() < WORTHWHILE * examined:
+            break
+    return found
+
+
+def _are_hopeless(sides: SideSet, own: Ints, boxes: Boxes, normals: Floats, facing: float | None) -> Bools:
+    """(k,) which of the sides ``own`` (k,) are hopeless for others of these."""
+    which, points = sides.samples(own, 0)
+    world = sides.at(points, own[which])
+    most = HOPELESS * np.bincount(which, minlength=len(own))
+    counts = np.zeros(len(own), np.int64)
+    blocks = -(-len(own) // OTHERS_AT_ONCE)
+    for number in range(min(blocks, MOST_BLOCKS)):
+        others = np.arange(number, len(own), blocks)
+        left = np.flatnonzero((counts <= most)[which])
+        is_hit = _are_in(boxes[others], world[left])
+        is_hit &= _are_facing(normals, others, facing)[:, which[left]]
+        # fewer than 256 others: their number fits into a byte
+        hits = is_hit.view(np.uint8).sum(axis=0, dtype=np.uint8)
+        counts += np.bincount(which[left], hits, len(own)).astype(np.int64)
+    return counts > most
+
+
+def _are_facing(normals: Floats, others: Ints, facing: float | None) -> Bools:
+    """(m, k) whether the sides ``others`` (m,) among those of ``normals`` (k, 3) surely may coincide with these."""
+    found = np.ones((len(others), len(normals)), bool)
+    if facing is not None:
+        found = normals[others] @ normals.T < facing - COSINE_ROUNDING
+    found[np.arange(len(others)), others] = False
+    return found
+
+
+def _are_in(boxes: Boxes, points: Floats) -> Bools:
+    """(m, k) whether boxes (m, 6) hold points (k, 3)."""
+    low, high = np.split(boxes.T.astype(np.float64)[:, :, None], 2)
+    found = np.ones((len(boxes), len(points)), bool)
+    for axis, place in enumerate(points.T.copy()):
+        found &= low[axis] <= place
+        found &= place <= high[axis]
+    return found
