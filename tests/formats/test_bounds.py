@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from claims import ATTAINED, TEETH, check
 
+from elvis.core.cores import core_graphs
 from elvis.core.cores.core_boxes import Boxes as CoreBoxes
 from elvis.core.cores.core_graphs import Graphs, by_eigenvalue
 from elvis.core.cores.matrix_ranges import Eigenvalue, MatrixRange
@@ -618,3 +619,25 @@ def test_eigenvalues_are_known_unless_a_left_eigenvector_may_be_normal_to_the_fi
     nothing = MatrixRange(np.zeros((3, 3, 3)), np.zeros((3, 3, 3)))
     known = Eigenvalue.of(MatrixRange(matrices, 1e-3 * np.array([0, 1, 1])[:, None, None] * np.ones((3, 3))), [nothing])
     assert known.is_known.tolist() == [False, True, True]
+
+
+def test_rounding_of_products_in_core_boxes_is_that_of_magnitudes():
+    """A gradient of the other sign has products of the other sign."""
+    rng = np.random.default_rng(4)
+    above, gradient = rng.normal(size=(2, 3, 2, 2, 2)), rng.normal(size=(2, 9, 2, 2, 2))
+    one, other = (CoreBoxes.whole(np.arange(2), above, sign * gradient, np.zeros(2), True) for sign in (1, -1))
+    assert np.array_equal(one.crossed, -other.crossed)
+    assert np.array_equal(one.crossed_error, other.crossed_error)
+    assert np.array_equal(one.turned_error, other.turned_error)
+
+
+@pytest.mark.parametrize(("error", "slope_error"), [(0.1, 0.0), (0.0, 0.1)])
+def test_slopes_of_graphs_are_off_by_errors_of_the_eigenvalue_and_of_its_slopes(monkeypatch, error, slope_error):
+    """The one times slopes of the velocity, the other times the velocity."""
+    eigenvalue = Eigenvalue(np.ones(COUNT, bool), np.full(COUNT, error), np.full((COUNT, 3), slope_error))
+    monkeypatch.setattr(core_graphs, "Eigenvalue", SimpleNamespace(of=lambda *_: eigenvalue))
+    boxes = core_boxes(np.random.default_rng(2))
+    graphs = by_eigenvalue(boxes, None)
+    slopes = [np.abs(np.diff(boxes.above, axis=2 + k)).max(axis=(2, 3, 4)) for k in range(3)]
+    off = error * np.stack(slopes, axis=2) + slope_error * np.abs(boxes.above).max(axis=(2, 3, 4))[..., None]
+    assert graphs.slope_errors == pytest.approx(np.abs(graphs.combining) @ off, rel=1e-12)

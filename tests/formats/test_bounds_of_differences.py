@@ -403,6 +403,20 @@ def test_boxes_are_bisected_if_their_bound_exceeds_the_largest_difference(part):
         assert len(noted) == (part > 1)
 
 
+def test_bounds_of_bisected_pairs_include_the_rounding_of_halves(monkeypatch):
+    """Of ones that are off by 0.5, and by four roundings more after a bisection of two by two numbers."""
+    monkeypatch.setattr(overlaps, "_ROUNDS", 1)
+    monkeypatch.setattr(overlaps, "gamma", lambda roundings: 0.025 * roundings)
+    pairs = overlaps._Pairs.__new__(overlaps._Pairs)
+    pairs._search = SimpleNamespace(best=SimpleNamespace(value=0.0), budget=1e9)
+    pairs._composition = SimpleNamespace(meet=lambda boxes: np.ones(1, bool))
+    pairs._improve = lambda boxes, nets, slack: None
+    boxes = SimpleNamespace(places=np.zeros(1), halved=lambda: boxes, part=lambda chosen: boxes)
+    boxes.without_fields = boxes.halved
+    composed = SimpleNamespace(nets=np.ones((1, 2, 2)), limit=np.full(1, 9.0), slack=np.full(1, 0.5))
+    assert pairs._halved(boxes, composed) == pytest.approx(1.6, rel=1e-14)
+
+
 def test_closed_pairs_of_bent_elements_count_with_their_bounds():
     """Constants 1.00005 and 0 apart where a difference of 1 was found."""
     places = np.tile(np.stack(np.meshgrid([0.0, 1.0], [0.0, 1.0], indexing="ij")), (2, 1, 1, 1))

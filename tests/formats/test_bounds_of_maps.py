@@ -19,7 +19,7 @@ from elvis.core.cores.parallel import ParallelVectors, rotations
 from elvis.core.dataset import Dataset
 from elvis.core.geometry import geometry
 from elvis.core.integrals.subcells import subcell_map
-from elvis.core.mapping import pointwise
+from elvis.core.mapping import enclosure, pointwise
 from elvis.core.mapping.enclosure import _Cells, _contracted, _root_bounds
 from elvis.core.mapping.margins import facets, heights
 from elvis.core.mapping.newton import heights_rounding
@@ -33,7 +33,7 @@ from elvis.core.quantities.element_points import ElementPoints
 from elvis.core.shapes import Shape
 from elvis.core.streamlines import first_steps
 from elvis.core.testing import approximated, curved, grid, ripple
-from elvis.core.validity import descent, determinants, enclosed_determinants, regularity, squares
+from elvis.core.validity import descent, determinants, enclosed_determinants, regularity, squares, validity
 from elvis.core.validity.determinants import Polynomials
 
 COUNT = 40
@@ -633,3 +633,18 @@ def test_motion_in_elements_is_no_faster_and_changes_no_more_than_is_bounded(sha
     assert changes.max() <= 1 + 1e-3
     assert faster.max() > (0.8 if bend == 0 else 0.5)
     assert changes.max() > (0.4 if bend == 0 else 0.1)
+
+
+def test_cells_with_a_root_at_their_end_keep_a_little_of_it():
+    """t - 1 on one axis and t on the other: what is left of the cell must have a length."""
+    net = np.array([[[-1.0, -1.0], [0.0, 0.0]], [[0.0, 1.0], [0.0, 1.0]], np.zeros((2, 2))])[..., None]
+    lower, upper, _ = _root_bounds(_Cells(np.zeros(1, int), np.zeros((1, 2)), np.ones((1, 2)), net), np.zeros(1))
+    ends = sorted([(lower[0, 0], upper[0, 0]), (lower[0, 1], upper[0, 1])])
+    assert ends == [(0.0, enclosure._SMALLEST), (1 - enclosure._SMALLEST, 1.0)]
+
+
+def test_determinants_a_few_roundings_below_zero_touch_it(monkeypatch):
+    lower = np.array([0.99, 1.01, -0.5]) * -validity.TOUCHING * 0.1
+    found = SimpleNamespace(lower=lower, error=np.full(3, 0.1))
+    monkeypatch.setattr(validity, "_proved", lambda *_: (np.array([True, False, False, False]), found))
+    assert validity.are_never_negative(None, 3).tolist() == [True, True, False, True]

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.polynomial.chebyshev import chebval3d
 from sub_elements import COUNT, LEBESGUE, POWERS, SUMMED, UNIT, outside_of
 
 from elvis.core.polynomials.chebyshev_nodes import series
@@ -48,6 +49,43 @@ def test_levels_are_avoided_beyond_all_terms_and_errors(kernel, fields, side, pa
     given = {"polynomials": fields.polynomials, "nodes": NODES, "transform": TO_CHEBYSHEV}
     rows = np.column_stack([fields.centre, fields.half, np.full(COUNT, error), fields.middle - apart])
     assert (kernel(rows, 1, **given)[:, 0] == avoids).all()
+
+
+#: half sides of the boxes of series, and of those on which their bounds hold, relative to those of boxes
+BOX_ROOM, BOX_REACH = 1.25, 1.12
+
+
+@pytest.fixture(scope="module")
+def boxes(functions, fields):
+    """The kernel, boxes around sub-elements, some of which end inside of them, and the series on both (n, 27)."""
+    kernel = functions(
+        "iso_sift", "export static const bool in_boxes = true; export static const bool analytic = true;"
+    )
+    models = kernel.records("box_models", COUNT)
+    models["centre"] = fields.centre
+    models["half"] = np.where(np.arange(COUNT) % 4 == 3, 0.8, 1.05) * fields.half.max(axis=1) / BOX_REACH
+    series = np.random.default_rng(3).uniform(-1, 1, (COUNT, 27))
+    terms = np.empty((COUNT, 27))
+    matrix = np.prod([TO_CHEBYSHEV[POWERS[:, None, k], POWERS[:, k]] for k in range(3)], axis=0)
+    for k, (half, own) in enumerate(zip(fields.half / (BOX_ROOM * models["half"][:, None]), series, strict=True)):
+        terms[k] = matrix @ chebval3d(*(half * NODES[POWERS]).T, own.reshape(3, 3, 3).T)
+    return kernel, models, series, terms
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+@pytest.mark.parametrize(("part", "is_avoided"), [(0.9, False), (1.1, True)])
+def test_levels_are_avoided_by_series_of_boxes_beyond_their_terms_and_errors(boxes, fields, side, part, is_avoided):
+    """One of rounding, the errors of values and those of series is the largest; series hold as far as boxes reach."""
+    kernel, models, series, terms = boxes
+    first, rest = terms[:, 0], np.abs(terms[:, 1:]).sum(axis=1)
+    kind = np.arange(COUNT) % 3
+    models["error"], models["misfit"][:, 0] = 1e-3 * (kind == 1), 1e-3 * (kind == 2)
+    errors = LEBESGUE * outside_of(fields, np.ones(COUNT)) * models["error"] + models["misfit"][:, 0]
+    rounding = SUMMED * (rest + np.abs(first) + np.abs(first - side * rest))
+    level = first - side * (rest + part * (errors + rounding))
+    rows = np.column_stack([fields.centre, fields.half, np.zeros(COUNT), level])
+    found = kernel(rows, 1, box_models=models, leaf_series=series.reshape(-1))[:, 0]
+    assert (found == (is_avoided & (np.arange(COUNT) % 4 != 3))).all()
 
 
 def test_leaves_are_series_whose_rounding_grows_with_all_terms(functions, fields):

@@ -24,6 +24,7 @@ from elvis.core.polynomials.bernstein import (
     BernsteinSpace,
     bernstein_coefficients,
     bernstein_space,
+    difference,
     differentiate,
     to_bernstein,
 )
@@ -153,8 +154,8 @@ def tangents(expansion: Expansion, coefficients: Floats) -> list[list[Polynomial
 def _derivatives(space: BernsteinSpace, nets: Floats, errors: Floats, direction: int) -> list[Polynomials]:
     """The derivatives in one direction of nets (n, 3, count) with ``errors`` (n, 3)."""
     lower, derivatives = differentiate(space, nets, direction)
-    top = max(lower.degrees) + 1
-    errors = top * errors + 2 * UNIT * np.abs(derivatives).max(axis=2)
+    # both coefficients of a difference are off; the difference and its product with the scale are rounded
+    errors = 2 * difference(space, direction).scale * errors + 2 * UNIT * np.abs(derivatives).max(axis=2)
     if space.shape is Shape.PYRAMID and direction < 2:
         lower, derivatives, errors = _divide(lower, derivatives, errors)
     return [Polynomials(lower, np.ascontiguousarray(derivatives[:, i].T), errors[:, i]) for i in range(3)]
