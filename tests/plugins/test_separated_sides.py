@@ -11,7 +11,6 @@ from elvis.core.deforming import undeformed
 from elvis.core.interfaces.interface_composites import with_interfaces
 from elvis.core.mapping.connectivity import connected
 from elvis.core.mesh import Composite
-from elvis.core.portions import along_curve, portions
 from elvis.core.testing import approximated, grid, mixed_volume
 from elvis.plugins.faces import faces_of
 from elvis.plugins.serving import volume_of
@@ -62,14 +61,6 @@ def test_faces_of_a_gap_are_drawn(shape):
     counts = [np.count_nonzero(is_flat & (np.abs(middles - end) < 1e-9)) for end in (0.0, 0.5, 1.0, 1.5)]
     assert len(set(counts)) == 1
     assert counts[0] > 0
-
-
-def test_parts_of_data_say_that_gaps_stay_closed():
-    data, whole = halves_apart(grid(Shape.HEXAHEDRON, 2))
-    (part, _) = portions(data, along_curve(data, 2))
-    remarks = deform(part.dataset, "d,0,0", GAP).remarks
-    assert [remark for remark in remarks if "gaps are no boundary" in remark] == [remarks[1]]
-    assert not any("gaps are no boundary" in remark for remark in whole.remarks)
 
 
 def test_continuous_displacements_and_tiny_jumps_leave_the_mesh():

@@ -74,17 +74,21 @@ def dataset(parts):
     return from_arrays({"hexahedron": x}, {name: np.concatenate([f[name] for _, f in parts]) for name in SIGNS})
 
 
+def halves(factor=1.0):
+    """The elements and their mirror image at x = 0, turned so that their maps keep the orientation."""
+    x, own = nodes(), {name: factor * field for name, field in values(nodes()).items()}
+    image = {name: reversed_nodes(SIGNS[name] * field) for name, field in own.items()}
+    return [(x, own), (reversed_nodes(x * [-1.0, 1.0, 1.0]), image)]
+
+
 @pytest.fixture(scope="module")
 def data():
-    return dataset([(nodes(), values(nodes()))])
+    return dataset(halves()[:1])
 
 
 @pytest.fixture(scope="module")
 def mirrored():
-    """The elements and their mirror image at x = 0, turned so that their maps keep the orientation."""
-    x, own = nodes(), values(nodes())
-    image = {name: reversed_nodes(SIGNS[name] * field) for name, field in own.items()}
-    return dataset([(x, own), (reversed_nodes(x * [-1.0, 1.0, 1.0]), image)])
+    return dataset(halves())
 
 
 def reflection(normal):
@@ -344,6 +348,22 @@ def test_integrals_count_copies(data, mirrored, files):
     alone = integrate(data, ["x", "volume"])
     assert volume == pytest.approx(3.0 * alone.of("volume").value, rel=1e-13)
     assert moment == pytest.approx(3.0 * alone.of("x").value + 3.0 * alone.of("volume").value, rel=1e-12)
+
+
+def test_a_range_over_all_steps_is_that_of_copies_in_a_file(tmp_path):
+    ends = []
+    for count, words in ((1, ("--mirror", "x=0")), (2, ())):
+        paths = [tmp_path / f"{count}.xml", *(tmp_path / f"{count}_{step}.fld" for step in range(2))]
+        for step, path in enumerate(paths[1:]):
+            own = replace(dataset(halves(1.0 + step)[:count]), time=float(step))
+            write(own, None if step else paths[0], path)
+        look = ("--field", "u", "--range", "series", "--faces", "all", "--size", "16", "--plain")
+        run("animate", *paths, *words, *look, "-o", tmp_path / str(count))
+        records = json.loads((tmp_path / str(count) / "film.json").read_text())["frames"]
+        ends.append([record["range"] for record in records])
+    assert np.allclose(*ends, rtol=0, atol=1e-9)
+    low, high = ends[0][0]
+    assert low == -high < -4
 
 
 def test_points_in_copies_have_values(files):

@@ -1,6 +1,8 @@
 """Commands on series that several ranks run: each reads its part of the steps, and what comes out is that of one."""
 
+import json
 import shutil
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -8,6 +10,7 @@ import pytest
 from archives import arrays_of
 
 from elvis import Dataset, write
+from elvis.core.dataset import Field
 from elvis.core.errors import FormatError
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple
@@ -233,3 +236,45 @@ def test_ranks_under_mpiexec(folder, started):
     alone, ranks = started.alone(folder, *command), started.ranks(folder, (2, *command))
     assert (ranks.returncode, ranks.stdout, ranks.stderr) == (0, alone.stdout, alone.stderr)
     assert len(alone.stdout.splitlines()) == 4
+
+
+@pytest.fixture(scope="module")
+def apart(tmp_path_factory):
+    """Two steps of eight cubes and a displacement d that is another constant on each."""
+    path = tmp_path_factory.mktemp("apart")
+    bare = Dataset(grid(Shape.HEXAHEDRON, 2))
+    (block,) = approximated(bare, "d", lambda p: np.ones(len(p)), 2).blocks
+    shifts = replace(block, coefficients=block.coefficients * 0.1 * np.arange(8)[:, None])
+    moved = Dataset(bare.mesh, (Field("d", (shifts,)), approximated(bare, "p", function(0.0), 3)))
+    files = [path / "apart.xml", *(path / f"apart_{step}.fld" for step in range(2))]
+    for step, own in enumerate(files[1:]):
+        write(replace(moved, time=float(step)), None if step else files[0], own)
+    return files
+
+
+DISPLACED = ("--deform", "0,0,d", "--field", "p")
+DEFORMED = {
+    "a picture": ("render", (*DISPLACED, "--plane", "z=0.5"), "picture.npz"),
+    "a film": ("animate", (*DISPLACED, "--scale", "0:1", "--frames", "2"), "frame-00001.png"),
+    "a series": ("animate", (*DISPLACED, "--range", "series"), "frame-00000.png"),
+    "a complex field": ("render", ("--complex", "E=p,d", "--phase", "30", "--field", "abs(E)"), "picture.npz"),
+}
+
+
+@pytest.mark.parametrize("name", DEFORMED)
+def test_pictures_of_deformed_data_and_complex_fields(apart, name, tmp_path):
+    """Between elements of two ranks the displacement jumps."""
+    command, words, found = DEFORMED[name]
+    for size in (1, 2):
+        folder = tmp_path / str(size)
+        folder.mkdir()
+        out = folder / found if command == "render" else folder
+        run(command, *apart, *words, "--faces", "all", "--size", "32", "--plain", "-o", out, size=size)
+    assert (tmp_path / "1" / found).read_bytes() == (tmp_path / "2" / found).read_bytes()
+
+
+def test_sides_at_which_a_displacement_jumps_are_outer_ones_of_all_ranks(apart, capsys):
+    run("integrate", *apart, *DISPLACED[:2], "--field", "1", "--over", "all", "--json", size=2)
+    total = json.loads(capsys.readouterr().out)[-1]
+    # all sides of eight cubes of edge 1/2
+    assert total["value"] == pytest.approx(8 * 6 / 4, rel=1e-12)

@@ -37,10 +37,10 @@ def with_separated_sides(before: Dataset, after: Dataset, rounding: float) -> Me
 
     before, after  the data with the map that they had, and with the new one, on one mesh
     rounding       distance that is rounding of the new map, in addition to a share of the largest coordinate
-    Lines and parts of meshes are unchanged.
+    Lines are unchanged.
     """
     mesh = after.mesh
-    if mesh.dimension < 2 or mesh.excerpt is not None:
+    if mesh.dimension < 2:
         return mesh
     size = max((float(np.abs(own.coefficients).max(initial=0.0)) for own in geometry(after)), default=0.0)
     room = CLOSE * size + rounding

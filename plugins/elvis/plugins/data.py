@@ -200,9 +200,10 @@ def open_part(
     """A rank's part of the result of `open_data`, with the ranks of ``reading``; the complete data of a plugin.
 
     The first rank converts other formats, and all read the result.  Each also has its part of other datasets that
-    expressions may name.
+    expressions may name.  Deformed data don't come apart, as a displacement may separate elements of different parts,
+    nor do complex fields: each rank has all of them.
     """
-    return _open(paths, reading, report, part_of)
+    return _open(paths, reading, report, part_of if reading.is_plain else _whole_for_ranks)
 
 
 def open_parts(
@@ -259,10 +260,18 @@ def part_of(paths: Sequence[Path], reading: Reading) -> Portion:
     """The part of one of the ranks of ``reading`` in the result of `dataset_of`."""
     paths, series = _series_of(paths, reading)
     if series is not None:
-        return series.part_at(reading.moment)
+        part = series.part_at(reading.moment)
+        assert isinstance(part, Portion)  # deformed data are read whole
+        return part
     found, others = part_of_state(paths, reading), Others(reading, paths)
     dataset = others.beside(reading.moment.of_one_state(found.dataset))
     return others.beside_part(replace(found, dataset=dataset))
+
+
+def _whole_for_ranks(paths: Sequence[Path], reading: Reading) -> Dataset:
+    """The result of `dataset_of` for each of the ranks of ``reading``."""
+    check_same_files(expanded(paths), reading.ranks)
+    return dataset_of(paths, replace(reading, ranks=ALONE))
 
 
 def part_of_state(paths: Sequence[Path], reading: Reading) -> Portion:

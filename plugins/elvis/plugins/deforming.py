@@ -16,7 +16,6 @@ from elvis.core.deforming import check_displacement, deformed, free_names, movin
 from elvis.core.errors import ElvisError
 from elvis.core.geometry import geometry
 from elvis.core.quantities.tree import AXES
-from elvis.core.ranks import ALONE, Ranks
 from elvis.core.sampling import sample
 from elvis.core.validity.folded import folded
 from elvis.core.validity.largest_scale import LargestScale
@@ -65,8 +64,8 @@ def deform(
     return with_deformation(dataset, Deformation(displacement, scale, gradients, height))
 
 
-def with_deformation(dataset: Dataset, deformation: Deformation, ranks: Ranks = ALONE) -> Dataset:
-    """The dataset on a deformed geometry, or the part of it that one of several ranks has."""
+def with_deformation(dataset: Dataset, deformation: Deformation) -> Dataset:
+    """The dataset on a deformed geometry."""
     dataset = undeformed(dataset)
     texts = texts_of_deformation(dataset, deformation)
     components = _fields(dataset, texts)
@@ -76,8 +75,8 @@ def with_deformation(dataset: Dataset, deformation: Deformation, ranks: Ranks = 
         found = deformed(dataset, components, deformation.scale, deformation.gradients)
     assert found.deformation is not None
     own = replace(found.deformation, displacement=tuple(texts))
-    faults = tuple(folded(found, ranks).sentences())
-    told = (str(own), *_doubts(components, found.mesh.excerpt is not None), *faults)
+    faults = tuple(folded(found).sentences())
+    told = (str(own), *_doubts(components), *faults)
     new = tuple(remark for remark in told if remark not in found.remarks)
     return replace(found, remarks=(*found.remarks, *new), deformation=replace(own, told=new, folds=bool(faults)))
 
@@ -158,13 +157,8 @@ def component_texts(dataset: Dataset, displacement: str) -> list[str]:
     return texts
 
 
-def _doubts(components: Sequence[Field], is_part: bool) -> Iterator[str]:
-    """Remarks on a displacement with jumps, and for a part of the data on one that may have some."""
-    if is_part and any(own.continuous is not True for own in components):
-        yield (
-            "parts of the data keep their elements joined where the displacement jumps: gaps are no boundary; use one "
-            "process without a memory limit to see them"
-        )
+def _doubts(components: Sequence[Field]) -> Iterator[str]:
+    """Remarks on a displacement with jumps."""
     broken = [own.name for own in components if own.continuous is False]
     if broken:
         names = ", ".join(broken)

@@ -62,7 +62,7 @@ class Others:
         if self._reading.deformation is not None:
             from elvis.plugins.deforming import with_deformation
 
-            dataset = with_deformation(dataset, self._reading.deformation, self._reading.ranks)
+            dataset = with_deformation(dataset, self._reading.deformation)
         if not self._reading.others:
             return dataset
         datasets = self._opened()

@@ -225,8 +225,8 @@ class Film:
         return data
 
 
-def _part(series: Series, moment: Moment) -> Portion | None:
-    """The part of the data of a moment that one of several ranks has; None as of `_read`."""
+def _part(series: Series, moment: Moment) -> Portion | Dataset | None:
+    """What one of several ranks has of the data of a moment; None as of `_read`."""
     is_damaged = moment.step is not None and bool(series.fault(moment.step))
     return None if is_damaged else series.part_at(moment)
 

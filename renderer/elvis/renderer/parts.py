@@ -21,7 +21,7 @@ from elvis.core.axis_planes import box_of
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.portions.borrowing import BorrowedRates, borrowing
-from elvis.core.portions.portion import Portion, is_even, unite
+from elvis.core.portions.portion import Portion, unite
 from elvis.core.quantities import Expression
 from elvis.core.ranks import Ranks
 from elvis.plugins.data import Reading, open_data, open_part
@@ -81,7 +81,9 @@ def of_ranks(
 ) -> dict[object, Dataset | RankPart]:
     """For each of several ranks, the elements of its part of data on which scenes depend, or all if they may need any.
 
-    opened  each rank's opened data, a part or all; emptied, so that complete data are freed
+    Data that a rank has opened whole stay whole.
+
+    opened  each rank's opened data, a part or all; emptied, so that they are freed
     for_others  whether other scenes with the same quantities will be drawn, so that all elements of the part stay
     Raises SceneError for data opened by a runtime plugin, as nothing more is known of its elements.
     """
@@ -91,12 +93,12 @@ def of_ranks(
         data = opened.pop(key)
         if isinstance(data, PluginData):
             raise SceneError(f"data opened by the plugin {data.name} are drawn by one process: run without mpiexec")
-        corners = box_of(data) if isinstance(data, Dataset) else _corners(data, ranks)
-        placed = _placed(scenes[key], corners)
-        if isinstance(data, Dataset) and not is_local(data, is_even(data), placed):
+        if isinstance(data, Dataset):
             found[key] = data
             continue
-        own = data if isinstance(data, Portion) else Portion.of_whole(data, ranks.rank, ranks.size)
+        corners = _corners(data, ranks)
+        placed = _placed(scenes[key], corners)
+        own = data
         del data
         has_less = is_local(own.dataset, own.is_even, placed)
         own = borrowing(own, _evaluated(own.dataset, placed), ranks)

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from elvis.core.moments import BETWEEN, Moment
+from elvis.core.dataset import Dataset
+from elvis.core.moments import Moment
 from elvis.core.portions.borrowing import borrowing
 from elvis.core.portions.portion import Portion, unite
 from elvis.core.quantities import Expression, Names
@@ -16,6 +17,8 @@ from elvis.core.ranges import Range
 from elvis.core.ranks import ALONE, Ranks
 from elvis.core.terminal import track
 from elvis.plugins.series.series import Series, series_in
+from elvis.renderer.copied import CopiedData
+from elvis.renderer.copy_checks import with_periods
 from elvis.renderer.parts import whole_of
 from elvis.renderer.request import reading_for
 from elvis.scene import Scene
@@ -40,30 +43,36 @@ def with_range(scene: Scene, is_kept: bool = True, series: Series | None = None,
         series = series_in(tuple(map(Path, scene.data)), reading)
     if series is None:
         raise SceneError("range: expected several steps of a series, found one state: use visible, all or two values")
-    return replace(scene, range=range_over(scene.field, series, scene.between, ranks, scene.palette))
+    return replace(scene, range=range_over(scene.field, series, scene, ranks))
 
 
-def range_over(
-    text: str, series: Series, between: str = BETWEEN[0], ranks: Ranks = ALONE, palette: str | None = None
-) -> tuple[float, float]:
+def range_over(text: str, series: Series, scene: Scene, ranks: Ranks = ALONE) -> tuple[float, float]:
     """The smallest lower and the largest upper bound of a quantity over all steps; SceneError where none is known.
 
-    between  how derivatives in time are found
-    ranks    that each read their part of the steps
-    palette  name of the colour map
+    scene  whose copies show the quantity; it also says how derivatives in time are found, and the colour map
+    ranks  that each read their part of the steps
     """
     ends: list[float] = []
     for number in track(series.readable(), "range of all steps", len(series)):
-        moment = Moment(time=float(series.times[number]), between=between)
-        part = series.part_at(moment) if ranks.size > 1 else None
-        dataset = series.at_moment(moment) if part is None else part.dataset
-        text = text or Names.of(dataset).fields[0]
-        expression = Expression.of(dataset, text)
-        found = quantity_range(dataset, expression) if part is None else _range_in_parts(part, expression, ranks)
-        ends += [] if found is None else [found.lower, found.upper]
+        own = series.part_at(Moment(time=float(series.times[number]), between=scene.between))
+        text = text or Names.of(own if isinstance(own, Dataset) else own.dataset).fields[0]
+        if isinstance(own, Portion) and scene.copies is not None:
+            own = whole_of(own, [text], ranks)
+        if isinstance(own, Portion):
+            found = [_range_in_parts(own, Expression.of(own.dataset, text), ranks)]
+        else:
+            found = [quantity_range(own, each) for each in _on_copies(own, text, scene)]
+        ends += [end for each in found if each is not None for end in (each.lower, each.upper)]
     if not ends or not np.isfinite(ends).all():
         raise SceneError(f"range: no bounds of {text} over all steps are known: expected visible or two values")
-    return automatic_range(ends, palette)
+    return automatic_range(ends, scene.palette)
+
+
+def _on_copies(dataset: Dataset, text: str, scene: Scene) -> list[Expression]:
+    """A quantity as a function of the data on each copy in a scene, each function once."""
+    own = Expression.of(dataset, text)
+    alone = replace(scene, field=text, plane=None, objects=(), clip=())
+    return [own, *CopiedData.of(with_periods(alone, dataset), Names.of(dataset)).expressions]
 
 
 def _range_in_parts(part: Portion, expression: Expression, ranks: Ranks) -> Range | None:

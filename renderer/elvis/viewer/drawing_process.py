@@ -342,7 +342,11 @@ class _Drawing:
 
     def _series_range(self, _: int, text: str) -> list[float]:
         """Certified bounds of a quantity over all steps."""
-        return self._moments.range_of(text)
+        from elvis.core.errors import ElvisError
+
+        if self._whole is None:
+            raise ElvisError("no picture has been drawn yet")
+        return self._moments.range_of(text, self._whole[0].scene)
 
     def _pick(self, _: int, content: Table) -> Table | None:
         """Value of the last complete picture at a column and row of its pixels.

@@ -129,8 +129,8 @@ class Moments:
             values.append(value if np.isfinite(value) else None)
         return {"name": text, "times": times, "values": values, "steps": len(series)}
 
-    def range_of(self, text: str) -> list[float]:
-        """Certified bounds of a quantity over all steps."""
+    def range_of(self, text: str, scene: Scene) -> list[float]:
+        """Certified bounds of a quantity over all steps, and over the copies in a scene."""
         from elvis.renderer.series_range import range_over
 
-        return list(range_over(text, self._steps().narrowed(text), self._moment.between))
+        return list(range_over(text, self._steps().narrowed(text), scene))

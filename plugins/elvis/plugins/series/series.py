@@ -22,10 +22,11 @@ from elvis.core.geometry import share
 from elvis.core.moments import BETWEEN, Instant, Moment, checked_step
 from elvis.core.portions.portion import Portion
 from elvis.core.quantities.needed import lack_of, needed_fields
-from elvis.core.ranks import agreed
+from elvis.core.ranks import ALONE, agreed
 from elvis.formats.reading import read as read_native
 from elvis.formats.reading import with_fields
 from elvis.plugins.others import Others
+from elvis.plugins.same_files import check_same_files
 from elvis.plugins.series.between import (
     NEAR,
     STEPS_OF,
@@ -109,8 +110,12 @@ class Series(Sequence[Dataset]):
         self.common, self.remarks = found.common, list(found.remarks)
         # facts of steps concern all their fields
         reading = replace(reading, is_of_map=False)
-        self.is_native, self._reading = found.is_native, reading
         files = [path for step in self.steps for path in step.files]
+        if not reading.is_plain:
+            # each rank has all data, see `elvis.plugins.data.open_part`
+            check_same_files([*found.common, *files], reading.ranks)
+            reading = replace(reading, ranks=ALONE)
+        self.is_native, self._reading = found.is_native, reading
         self._others = Others(reading, [*self.common, *files])
         self._parts = StepsByPart(found, reading) if reading.ranks.size > 1 else None
         self._first: Dataset | None = None
@@ -176,11 +181,15 @@ class Series(Sequence[Dataset]):
         """
         return self.at_moment(Moment(time=time, between=between))
 
-    def part_at(self, moment: Moment = LAST) -> Portion:
-        """The part of the data of a moment that one of several ranks has; to be called by each."""
+    def part_at(self, moment: Moment = LAST) -> Portion | Dataset:
+        """The part of the data of a moment that one of several ranks has, or all, if they don't come apart.
+
+        To be called by each rank.
+        """
         dataset = self.at_moment(moment)
+        if self._parts is None:
+            return dataset
         number = 0 if dataset.instant is None else dataset.instant.steps[0]
-        assert self._parts is not None  # there are several ranks
         return self._others.beside_part(self._parts.portion(self.steps[number], dataset))
 
     def at_moment(self, moment: Moment = LAST) -> Dataset:

@@ -286,6 +286,7 @@ def _coloured(film: Film, scene: Scene, folder: Path, is_kept: bool) -> tuple[Sc
     of = {"field": scene.field, "between": scene.between, "files": files}
     of |= {"reader": list(scene.reader), "others": list(scene.others)}
     of |= {"reference": [f"{name}={value!r}" for name, value in scene.reference.values.items()]}
+    of |= {"moved": [repr(own) for own in (scene.deform, scene.copies, scene.complex, scene.phase)]}
     known = of_first(film.ranks, lambda: known_range(folder, of, film.files), "the range of an animation")
     found = with_range(scene, is_kept, film.series, film.ranks) if known is None else replace(scene, range=known)
     return found, {"of": of, "range": found.range}

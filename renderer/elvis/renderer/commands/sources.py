@@ -133,30 +133,17 @@ class Data:
         comes_apart  whether they can, for any part of the data, with the same result on all ranks
         series       of the files, if it is already open
         """
+        from elvis.core.dataset import Dataset
+        from elvis.core.portions import Portion
         from elvis.core.terminal import warn
         from elvis.plugins.data import open_part
 
         if ranks.size == 1:
             return self.source(quantities) if series is None else self.source_of(series.at_moment())
-        if series is not None:
-            return self._of_part(series.part_at(), comes_apart, ranks)
         reading = replace(self.reading(quantities), ranks=ranks)
-        return self._of_part(open_part(self.paths, reading, warn), comes_apart, ranks)
-
-    def _of_part(
-        self, opened: Dataset | PluginData | Portion, comes_apart: Callable[[Dataset], bool], ranks: Ranks
-    ) -> Source | None:
-        """See `part`."""
-        from elvis.core.portions import Portion
-
-        if isinstance(opened, Portion) and not self._is_in_parts(opened, comes_apart):
-            return None
-        return self.source_of(opened, ranks)
-
-    def _is_in_parts(self, part: Portion, comes_apart: Callable[[Dataset], bool]) -> bool:
-        """Whether a part is enough for a rank; unmatched elements of other data may lie anywhere."""
-        dataset = part.dataset
-        return dataset.others.keys() == dataset.shared.keys() and comes_apart(dataset)
+        opened = open_part(self.paths, reading, warn) if series is None else series.part_at()
+        is_whole = isinstance(opened, Dataset) or (isinstance(opened, Portion) and not _suffices(opened, comes_apart))
+        return None if is_whole else self.source_of(opened, ranks)
 
     def series(self, quantities: Sequence[str] = (), ranks: Ranks = ALONE) -> Series | None:
         """The steps that the files are, where no moment of them is requested; None where they are a single state."""
@@ -190,6 +177,7 @@ class Data:
         """
         import numpy as np
 
+        from elvis.core.dataset import Dataset
         from elvis.core.errors import ElvisError
         from elvis.core.moments import Moment
         from elvis.core.terminal import track
@@ -208,7 +196,7 @@ class Data:
             if ranks.size == 1:
                 return NativeSource(series.at_moment(moment), is_quiet=True)
             part = series.part_at(moment)
-            if not self._is_in_parts(part, comes_apart):
+            if isinstance(part, Dataset) or not _suffices(part, comes_apart):
                 raise NotInPartsError
             return NativeSource(part.dataset, True, part, ranks)
 
@@ -241,6 +229,12 @@ class Data:
         from elvis.renderer.evaluation import Evaluation
 
         return Evaluation(opened, warn)
+
+
+def _suffices(part: Portion, comes_apart: Callable[[Dataset], bool]) -> bool:
+    """Whether a part is enough for a rank; unmatched elements of other data may lie anywhere."""
+    dataset = part.dataset
+    return dataset.others.keys() == dataset.shared.keys() and comes_apart(dataset)
 
 
 def data_options(command: Callable[..., None]) -> Callable[..., None]:
