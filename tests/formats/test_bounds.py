@@ -262,7 +262,8 @@ def boxes_in_single_precision(rng):
 
 
 def boxes_without_rounding(rng):
-    """Corners that 32-bit floats nearly hold: nothing but the rounding of coordinates moves them."""
+    """Corners that 32-bit floats nearly hold: only rounding of coordinates moves them, and nothing the origin."""
+    assert not outward(np.zeros((1, 3)), np.zeros((1, 3)), 0.0).any()
     exact = rng.uniform(1, 2, (1000, 3)).astype(np.float32).astype(float)
     eps = np.finfo(float).eps
     for ulps in (-0.9, 0.9):

@@ -38,7 +38,7 @@ from elvis.core.integrals.refinement import Summation
 from elvis.core.integrals.tree_discs import Ball, TreeDiscs, divided
 from elvis.core.polynomials.boxnets import on_lattice
 from elvis.core.polynomials.quadrature import gauss
-from elvis.core.quantities import Expression, discs
+from elvis.core.quantities import Expression, discs, intervals
 from elvis.core.quantities.tree import call, fold, number
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
@@ -875,3 +875,16 @@ def test_majorants_are_sums_of_magnitudes_at_the_radii_of_their_columns():
     s = second[..., None] ** np.arange(2)
     expected = np.einsum("nabc,nqa,nqb->nqc", np.abs(coefficients), r, s)
     assert taylor.majorants(coefficients, first, second) == pytest.approx(expected, rel=1e-12)
+
+
+def test_solutions_are_unbounded_if_a_part_of_them_may_be_as_large():
+    """g = 1 - R g with |R| = 0.5 is 2 at most; with |R| = 1 it isn't bounded."""
+    assert intervals.largest_solution(np.ones(3), np.array([0.5, 1.0, 1.5])).tolist() == [2.0, np.inf, np.inf]
+
+
+def test_surfaces_without_a_slope_across_may_have_any_area():
+    nets = np.array([0.0, 1.0])[None, None, :, None] * np.ones((2, 2, 2, 2))
+    nets[1] += np.array([0.0, 1.0])
+    found = level_error._graph_area(nets, np.ones((2, 3)))
+    assert found[0] == np.inf
+    assert found[1] < 10

@@ -303,3 +303,11 @@ def test_models_of_eighths_are_bounded_by_their_mean_of_either_sign():
     leaves = SimpleNamespace(_series=lambda *_: (coefficients, np.zeros(2)), _remainder=lambda *_: (np.full(2, 0.1),))
     found = expression_models.LeavesOfEighths._evaluated(leaves, 0, (0, 0, 0))
     assert found.bounds == pytest.approx(np.repeat([2.1, 3.1], 8), rel=1e-9)
+
+
+def test_determinants_that_equal_their_error_may_be_zero():
+    """In a net that is searched for roots, and in the constant term of a polynomial in the factor."""
+    for value, is_positive in ((0.1, False), (0.2, True)):
+        assert largest_scale._is_positive(np.full((2, 2, 2), value), 0.1) == is_positive
+    roots = largest_scale._smallest_roots(np.array([[0.1, -1.0], [0.2, -1.0]]), np.full(2, 0.1))
+    assert roots == pytest.approx([0.0, 0.2])

@@ -10,6 +10,7 @@ import numpy as np
 from elvis.core.arrays import Floats
 from elvis.core.quantities import discs
 from elvis.core.quantities.discs import Disc
+from elvis.core.quantities.intervals import largest_solution
 
 #: steps in which the enclosure of a solution is made smaller
 _STEPS = 2
@@ -38,10 +39,7 @@ def cofactors(t: Matrix, row: int) -> list[Disc]:
 
 
 def solution(t: Matrix, first: Sequence[Disc]) -> list[Disc]:
-    """The solution g of t g = first, with t = 1 + R: g = first - R g (Neumaier 1990, section 4.2).
-
-    |g| <= |first| / (1 - |R|) in the norm of the largest; so t is regular on all discs.
-    """
+    """The solution g of t g = first, with t = 1 + R: g = first - R g; if it is bounded, t is regular on all discs."""
     one = discs.number(1.0)
     rest = [[discs.minus(own, one) if i == k else own for k, own in enumerate(row)] for i, row in enumerate(t)]
     return enclosed(rest, first)
@@ -51,7 +49,7 @@ def enclosed(rest: Matrix, first: Sequence[Disc]) -> list[Disc]:
     """The solution g of g = first - R g."""
     norm = _greatest([sum(np.abs(entry[0]) + entry[1] for entry in row) for row in rest])
     size = _greatest([np.abs(entry[0]) + entry[1] for entry in first])
-    radius = np.where(norm < 1, size / np.where(norm < 1, 1 - norm, 1.0), np.inf)
+    radius = largest_solution(size, norm)
     found: list[Disc] = [(0.0 * entry[0], radius) for entry in first]
     for _ in range(_STEPS):
         found = [_less(own, row, found) for own, row in zip(first, rest, strict=True)]

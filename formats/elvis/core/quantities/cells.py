@@ -147,7 +147,7 @@ class Cells(Rows):
             first = [_combine(inverse[:, j], gradients) for j in range(d)]
             size = np.max([np.maximum(np.abs(low), np.abs(high)) for low, high in first], axis=0)
             norm = np.max([sum(np.maximum(np.abs(x), np.abs(y)) for x, y in row) for row in rest], axis=0)
-            radius = np.where(norm < 1, size / np.where(norm < 1, 1 - norm, 1.0), np.inf)
+            radius = i.largest_solution(size, norm)
             found: list[Interval] = [(-radius, radius)] * d
             for _ in range(2):
                 found = [_correct(first[j], rest[j], found) for j in range(d)]

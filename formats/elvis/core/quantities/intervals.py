@@ -19,6 +19,15 @@ ENTIRE: Interval = (-np.inf, np.inf)
 _ROUNDING = 64 * np.finfo(np.float64).eps
 
 
+def largest_solution(size: Any, norm: Any) -> Any:
+    """An upper bound of |g| for g = first - R g, from |first| and |R|; infinite if nothing is proved.
+
+    |g| <= |first| / (1 - |R|) in the norm of the largest (Neumaier 1990, Interval methods for systems of equations,
+    4.2).
+    """
+    return np.where(norm < 1, size / np.where(norm < 1, 1 - norm, 1.0), np.inf)
+
+
 def number(value: float) -> Interval:
     """The interval of one number."""
     return np.float64(value), np.float64(value)
