@@ -6,7 +6,7 @@ from kernel_functions import parted, rows_of, width_of
 
 COUNT, STAGES, RESULT, DEGREE = 48, 16, 12, 7
 FOUND = {
-    **dict.fromkeys(["error", "defect"], 1),
+    **dict.fromkeys(["error", "adapted", "defect"], 1),
     "spread": 32,
     "state": 4,
     "slope": 4,
@@ -46,6 +46,9 @@ class Lines:
         self.tolerance, self.defect, self.width = some(0.1, 1), some(1, 5), some(0.1, 1)
         self.along, self.beside, self.beside_outer = some(0.01, 0.3), some(0.01, 0.02), some(0.03, 0.04)
         self.rounded, self.length, self.gap = some(0.1, 1), some(0.5, 1.5), some(0.1, 0.2)
+        ends = [[0.8], [0.6], [1.5]], [[0.9], [0.9], [3.0]]
+        self.safety, self.shrink, self.grow = np.random.default_rng(14).uniform(*ends, (3, COUNT))
+        self.tolerance *= np.resize([0.1, 1.0, 10.0, 1e6], COUNT)
         self.rates, self.end = some(-1, 1, STAGES, 4), some(-1, 1, 4)
         # the error of the rule, or that of the dense output, is the larger one
         self.slope, self.velocity = some(-1, 1, 4), some(-1, 1, 4)
@@ -74,8 +77,9 @@ class Lines:
 
     def rows(self):
         limits = [self.tolerance, self.defect, self.along, self.beside, self.beside_outer, self.rounded]
+        limits += [self.length, self.gap, self.safety, self.shrink, self.grow]
         columns = [
-            *[self.state, self.rate, self.jacobian, *limits, self.length, self.gap, self.width, self.rates, self.end],
+            *[self.state, self.rate, self.jacobian, *limits, self.width, self.rates, self.end],
             *[self.slope, self.velocity, self.nets, self.place, self.last, self.at, self.checked, self.side],
             *[self.apart, self.on_side, *self.motions()],
         ]
@@ -129,6 +133,18 @@ def test_errors_of_steps_are_those_of_the_embedded_rules_and_of_the_dense_output
     defect = np.sqrt(lines.world(lines.slope - lines.width[:, None] * lines.velocity)) / lines.defect / lines.tolerance
     assert found["defect"] == pytest.approx(np.maximum(error, defect), rel=1e-12, abs=0)
     assert 0 < (defect > error).sum() < COUNT
+
+
+def test_steps_become_longer_as_errors_of_eighth_order_allow(lines, found):
+    """By no more than a limit either way, and no longer after an error that isn't allowed."""
+    change = np.clip(lines.safety / found["error"] ** (1 / 8), lines.shrink, lines.grow)
+    is_allowed = found["error"] <= 1
+    assert found["adapted"] == pytest.approx(
+        lines.width * np.where(is_allowed, change, np.minimum(change, 1)), rel=1e-12
+    )
+    for limit in (lines.shrink, lines.grow):
+        assert 0 < (change == limit).sum() < COUNT / 2
+    assert COUNT / 4 < is_allowed.sum() < COUNT
 
 
 def test_dense_outputs_are_the_polynomials_of_their_terms(lines, found):
