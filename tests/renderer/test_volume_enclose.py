@@ -240,6 +240,11 @@ def test_parts_of_enclosures_follow_from_derivatives(rays, enclosed):
     change, placed = near * enclosed["reach"][:, None], placed[:, None]
     of_fields = (size + change[:, 3:]) * placed + rays.errors[:, 3:]
     assert enclosed["fields"][known][:, :, 3] == pytest.approx(of_fields[known], rel=1e-9, abs=0)
+    # what is not linear in the depth: points beside the ray, and second derivatives
+    reach = enclosed["reach"]
+    beside = np.maximum(reach - ways * rays.time, 0)
+    rest = size * beside[:, None] + 0.5 * change[:, 3:] * reach[:, None]
+    assert enclosed["fields"][known][:, :, 2] == pytest.approx(rest[known], rel=1e-9, abs=1e-13)
     of_places = (enclosed["steep"][:, None] + change[:, :3]) * placed + rays.errors[:, :3]
     assert enclosed["coordinates"][known][:, :, 3] == pytest.approx(of_places[known], rel=1e-9, abs=0)
     placed = placed[:, 0]
@@ -247,7 +252,6 @@ def test_parts_of_enclosures_follow_from_derivatives(rays, enclosed):
     assert enclosed["gradient"][known][..., 3] == pytest.approx(np.tile(of_field[known, None], (1, 3)), rel=1e-4, abs=0)
     map_errors = np.einsum("nij,nj->ni", inverse, rays.errors[:, :3])
     map_bends = np.einsum("nij,nj->ni", inverse, near[:, :3])
-    reach = enclosed["reach"]
     width = (near[:, 4] * reach)[known, None]
     assert enclosed["gradient"][known][..., 1] == pytest.approx(np.tile(width, (1, 3)), rel=1e-9, abs=0)
     widths = np.repeat((map_bends * reach[:, None])[known], 3, axis=1)
