@@ -1,12 +1,13 @@
 import numpy as np
 import pytest
 
+from elvis.core import ranges
 from elvis.core.dataset import Expansion, Homogeneous
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.polynomials.expansion import mode_count
-from elvis.core.ranges import value_range
+from elvis.core.ranges import value_range, value_ranges
 from elvis.core.shapes import Shape
 
 A, B, C, PYR = Basis.MODIFIED_A, Basis.MODIFIED_B, Basis.MODIFIED_C, Basis.MODIFIED_PYR_C
@@ -95,3 +96,35 @@ def test_fourier_directions_are_also_bounded():
     assert found.lower <= values.min()
     assert values.max() <= found.upper
     assert found.lower <= found.minimum <= found.maximum <= found.upper
+
+
+@pytest.mark.parametrize("shape", Shape)
+def test_ranges_of_many_fields_are_those_of_each(shape):
+    random = np.random.default_rng(7)
+    fields = [[]]
+    for n in (2, 5):
+        for number in range(40):
+            expansion, coefficients = elements(shape, n, 1 + number % 5)
+            # equal coefficients make boxes that can't be told apart; some elements have no finite values
+            values = random.standard_normal(coefficients.shape)
+            values = np.round(values) if number % 3 else np.where(random.random(values.shape) < 0.02, np.nan, values)
+            fields.append([(expansion, values)] * (1 + number % 2))
+    shuffled = [fields[number] for number in random.permutation(len(fields))]
+    assert value_ranges(shuffled) == [value_range(blocks) for blocks in shuffled]
+
+
+def test_fields_with_many_equal_extrema_are_divided(monkeypatch):
+    """The boxes of all fields would take memory without end; each field's are limited, as if it were alone."""
+    expansion, _ = elements(Shape.QUADRILATERAL, 5, 1)
+    # equal at both ends and without other modes: constant in one direction, so that the extrema fill lines of boxes
+    waves = np.zeros((30, 5, 5))
+    waves[:, :2] = np.random.default_rng(2).standard_normal((30, 1, 5))
+    waves = waves.reshape(30, 25)
+    sizes = []
+    halved = ranges.all_halves
+    monkeypatch.setattr(ranges, "_NUMBERS_AT_ONCE", 1 << 12)
+    monkeypatch.setattr(ranges, "_room", lambda expansions: 1000)
+    monkeypatch.setattr(ranges, "all_halves", lambda nets: sizes.append(len(nets)) or halved(nets))
+    found = value_ranges([[(expansion, wave[None])] for wave in waves])
+    assert max(sizes) <= ranges._most_boxes(expansion)
+    assert found == [value_range([(expansion, wave[None])]) for wave in waves]

@@ -6,12 +6,13 @@ fourfold with each halving.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.bounded_cache import bounded_cache
 from elvis.core.dataset import Block, Expansion
 from elvis.core.mapping.orientation import even_chunks
 from elvis.core.polynomials.bernstein import bernstein_coefficients, bernstein_space
@@ -38,24 +39,96 @@ class Range:
         return replace(self, lower=self.lower - radius, upper=self.upper + radius) if np.isfinite(radius) else self
 
 
+#: expansions and coefficients (n, m) of a field's elements
+Blocks = Sequence[tuple[Expansion, Floats]]
+
+
+@dataclass(frozen=True, eq=False)
+class _Stack:
+    """Elements of one expansion, of several fields.
+
+    owners        (n,) the number of each element's field
+    coefficients  (n, m)
+    """
+
+    expansion: Expansion
+    owners: Ints
+    coefficients: Floats
+
+
 def value_range(blocks: Iterable[tuple[Expansion, Floats]]) -> Range | None:
     """The range over elements with ``coefficients`` (n, m); None without elements.
 
     Elements with coefficients that are not finite are skipped.  With Fourier directions ``lower`` and ``upper`` come
     from the sum of the amplitudes, without halving.
     """
-    finite = [(expansion, c, finite_rows(c)) for expansion, c in blocks]
-    present = [(expansion, c if rows.all() else c[rows]) for expansion, c, rows in finite if rows.any()]
-    if not present:
-        return None
-    greatest, upper = _greatest(present, 1.0)
-    least, lower = _greatest(present, -1.0)
-    return Range(0.0 - lower, 0.0 + upper, 0.0 - least, 0.0 + greatest)
+    return value_ranges([blocks])[0]
+
+
+def value_ranges(fields: Iterable[Iterable[tuple[Expansion, Floats]]]) -> list[Range | None]:
+    """`value_range` of many fields; small ones of equal expansions are examined together, which costs less."""
+    every = [_finite(blocks) for blocks in fields]
+    found: list[Range | None] = [None] * len(every)
+    for numbers in _batches(every):
+        stacks = _stacked([every[number] for number in numbers])
+        greatest, upper = _greatest(stacks, len(numbers), 1.0)
+        least, lower = _greatest(stacks, len(numbers), -1.0)
+        ends = np.stack([0.0 - lower, 0.0 + upper, 0.0 - least, 0.0 + greatest], axis=1).tolist()
+        for number, own in zip(numbers, ends, strict=True):
+            found[number] = Range(*own)
+    return found
 
 
 def field_range(blocks: Sequence[Block]) -> Range | None:
     """The range of a field given by its blocks."""
-    return value_range((block.expansion, block.coefficients) for block in blocks)
+    return field_ranges([blocks])[0]
+
+
+def field_ranges(fields: Sequence[Sequence[Block]]) -> list[Range | None]:
+    """The ranges of many fields given by their blocks."""
+    return value_ranges([(block.expansion, block.coefficients) for block in blocks] for blocks in fields)
+
+
+def _finite(blocks: Iterable[tuple[Expansion, Floats]]) -> Blocks:
+    """Blocks without elements that have coefficients that are not finite, and without empty blocks."""
+    found = [(expansion, c, finite_rows(c)) for expansion, c in blocks]
+    return [(expansion, c if rows.all() else c[rows]) for expansion, c, rows in found if rows.any()]
+
+
+def _batches(fields: Sequence[Blocks]) -> Iterator[list[int]]:
+    """Numbers of fields of equal expansions, with no more elements than are examined closely, or of one field."""
+    waiting: dict[tuple[Expansion, ...], list[int]] = {}
+    filled: dict[tuple[Expansion, ...], int] = {}
+    for number, blocks in enumerate(fields):
+        key = tuple(expansion for expansion, _ in blocks)
+        if not key:
+            continue
+        count = sum(len(coefficients) for _, coefficients in blocks)
+        if key in waiting and filled[key] + count > _room(key):
+            yield waiting.pop(key)
+        filled[key] = count + (filled[key] if key in waiting else 0)
+        waiting.setdefault(key, []).append(number)
+    yield from waiting.values()
+
+
+@bounded_cache
+def _room(expansions: tuple[Expansion, ...]) -> int:
+    """Number of elements that are examined together; waves are taken by themselves."""
+    if any(expansion.homogeneous is not None for expansion in expansions):
+        return 0
+    return min(map(_most_boxes, expansions))
+
+
+def _stacked(fields: Sequence[Blocks]) -> list[_Stack]:
+    """The elements of fields of equal expansions, block by block."""
+    found = []
+    for blocks in zip(*fields, strict=True):
+        expansion = blocks[0][0]
+        counts = [len(coefficients) for _, coefficients in blocks]
+        every = [coefficients for _, coefficients in blocks]
+        coefficients = every[0] if len(every) == 1 else np.concatenate(every)
+        found.append(_Stack(expansion, np.repeat(np.arange(len(blocks)), counts), coefficients))
+    return found
 
 
 def deciding(blocks: Sequence[Block]) -> Ints:
@@ -99,26 +172,28 @@ def finite_rows(coefficients: Floats) -> Bools:
     return np.asarray(np.isfinite(coefficients).all(axis=1))
 
 
-def _greatest(blocks: Sequence[tuple[Expansion, Floats]], sign: float) -> tuple[float, float]:
-    """The largest value that is known to be attained, and a bound that none exceeds; for -1 of the negative."""
-    attained = max(_largest_sample(expansion, coefficients, sign) for expansion, coefficients in blocks)
-    bound = attained
-    for expansion, coefficients in blocks:
-        bounds = _bounds(expansion, coefficients, sign)
-        rivals = np.flatnonzero(bounds > attained)
-        if expansion.homogeneous is not None:
-            bound = max(bound, float(bounds.max()))
+def _greatest(stacks: Sequence[_Stack], count: int, sign: float) -> tuple[Floats, Floats]:
+    """(count,) the largest value of each field that is known to be attained, and bounds; for -1 of the negatives."""
+    attained = np.full(count, -np.inf)
+    for stack in stacks:
+        _raise_to_samples(stack, sign, attained)
+    bound = attained.copy()
+    for stack in stacks:
+        bounds = _bounds(stack.expansion, stack.coefficients, sign)
+        rivals = np.flatnonzero(bounds > attained[stack.owners])
+        if stack.expansion.homogeneous is not None:
+            np.maximum.at(bound, stack.owners, bounds)
         elif len(rivals):
-            attained, least_bound = _refine(expansion, coefficients, sign, rivals, bounds[rivals], attained)
-            bound = max(bound, least_bound)
-    return attained, max(bound, attained)
+            _refine(stack, sign, rivals, bounds[rivals], attained, bound)
+    return attained, np.maximum(bound, attained)
 
 
-def _largest_sample(expansion: Expansion, coefficients: Floats, sign: float) -> float:
-    """The largest of a few values of each element, or of their negatives (-1)."""
-    samples = _samples(expansion)
-    parts = even_chunks(len(coefficients), _ELEMENTS_AT_ONCE)
-    return max(float(evaluate(expansion, sign * coefficients[part], samples).max()) for part in parts)
+def _raise_to_samples(stack: _Stack, sign: float, attained: Floats) -> None:
+    """Raise the attained values of fields to those at a few points of each element."""
+    samples = _samples(stack.expansion)
+    for part in even_chunks(len(stack.owners), _ELEMENTS_AT_ONCE):
+        values = evaluate(stack.expansion, sign * stack.coefficients[part], samples)
+        np.maximum.at(attained, stack.owners[part], values.max(axis=1))
 
 
 def _samples(expansion: Expansion) -> Floats:
@@ -169,24 +244,45 @@ def _most_boxes(expansion: Expansion) -> int:
     return max(1, int(_NUMBERS_AT_ONCE / (size << space.shape.dimension)))
 
 
-def _refine(
-    expansion: Expansion, coefficients: Floats, sign: float, rivals: Ints, bounds: Floats, attained: float
-) -> tuple[float, float]:
-    """`_greatest` for elements ``rivals`` (n,) whose bound exceeds the attained value: bisect, and drop boxes."""
-    space = bernstein_space(expansion)
-    order, most = _descending(bounds), _most_boxes(expansion)
-    forgotten = float(bounds[order[most]]) if len(order) > most else attained
-    own = sign * coefficients[rivals[order[:most]]]
-    nets = box_nets(space, bernstein_coefficients(expansion, own))
+def _refine(stack: _Stack, sign: float, rivals: Ints, bounds: Floats, attained: Floats, bound: Floats) -> None:
+    """Raise attained values and bounds (count,) for elements ``rivals`` (n,) whose bounds exceed the attained ones."""
+    space = bernstein_space(stack.expansion)
+    most = _most_boxes(stack.expansion)
+    # of one field alone there may be more
+    order = _descending(bounds)
+    np.maximum.at(bound, stack.owners[rivals[order[most:]]], bounds[order[most:]])
+    chosen = rivals[order[:most]]
+    nets = box_nets(space, bernstein_coefficients(stack.expansion, sign * stack.coefficients[chosen]))
+    _bisect(nets, stack.owners[chosen], attained, bound, most, _ROUNDS)
 
-    for _ in range(_ROUNDS):
-        attained = max(attained, float(corners(nets).max()))
+
+def _bisect(nets: Floats, owners: Ints, attained: Floats, bound: Floats, most: int, rounds: int) -> None:
+    """Halve boxes (n, …) of fields ``owners`` (n,), and drop those that can't hold the largest value of their field."""
+    for number in range(rounds):
+        np.maximum.at(attained, owners, corners(nets).max(axis=1))
         tops = nets.reshape(len(nets), -1).max(axis=1)
-        order = np.argsort(tops)[::-1][:most]
-        worth = order[tops[order] > attained + _TOLERANCE * abs(attained)]
-        rest = np.delete(tops, worth)
-        forgotten = max(forgotten, float(rest.max(initial=-np.inf)))
+        order = np.argsort(tops)[::-1]
+        enough = attained + _TOLERANCE * np.abs(attained)
+        worth = order[tops[order] > enough[owners[order]]]
+        middle = _middle(owners[worth]) if len(worth) > most else None
+        worth = worth if middle is not None else worth[:most]
+        rest = np.delete(np.arange(len(tops)), worth)
+        np.maximum.at(bound, owners[rest], tops[rest])
+        if middle is not None:
+            # each part of the fields goes on by itself, so that memory doesn't grow with their number
+            for is_in in (owners[worth] < middle, owners[worth] >= middle):
+                part = worth[is_in]
+                _bisect(nets[part], owners[part], attained, bound, most, rounds - number)
+            return
         if not len(worth):
-            return attained, forgotten
+            return
         nets = all_halves(nets[worth])
-    return max(attained, float(corners(nets).max())), max(forgotten, float(nets.max()))
+        owners = np.tile(owners[worth], 2 ** (nets.ndim - 1))
+    np.maximum.at(attained, owners, corners(nets).max(axis=1))
+    np.maximum.at(bound, owners, nets.reshape(len(nets), -1).max(axis=1))
+
+
+def _middle(owners: Ints) -> int | None:
+    """A number in the middle of several fields, of which at least one is smaller; None for one field."""
+    distinct = np.unique(owners)
+    return int(distinct[len(distinct) // 2]) if len(distinct) > 1 else None

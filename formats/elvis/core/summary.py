@@ -24,7 +24,7 @@ from elvis.core.polynomials.quadrature import gauss
 from elvis.core.portions.portion import Portion, unite
 from elvis.core.quantities.bounding import deciding_elements, quantity_range
 from elvis.core.quantities.expression import Expression
-from elvis.core.ranges import Range, deciding, field_range, finite_rows, value_range
+from elvis.core.ranges import Range, deciding, field_ranges, finite_rows, value_range
 from elvis.core.ranks import ALONE, Ranks
 from elvis.core.shapes import Shape
 from elvis.core.validity.folded import folded
@@ -65,7 +65,7 @@ def summary(whole: Dataset | Portion, quantities: Sequence[Expression] = (), ran
             "box": box(dataset, blocks),
             "jacobian": _jacobian([tally.signs for tally in tallies]),
         },
-        "fields": [_field(dataset, field, [own.fields[field.name] for own in tallies]) for field in dataset.solution],
+        "fields": _fields(dataset, tallies),
         "composites": _composites(mesh),
         "domains": {str(id): list(composites) for id, composites in mesh.domains.items()},
         "metadata": dict(dataset.metadata),
@@ -267,14 +267,24 @@ def gauss_points(expansion: Expansion) -> Floats:
     return uncollapse(expansion.shape, eta)
 
 
-def _field(dataset: Dataset, field: Field, every: Sequence[_Coefficients]) -> Facts:
+def _fields(dataset: Dataset, tallies: Sequence[_Tally]) -> list[Facts]:
+    """`_field` of each field of the solution."""
+    ranges = field_ranges([field.blocks for field in dataset.solution])
+    errors = ConversionErrors.of(dataset.metadata)
+    facts = []
+    for field, found in zip(dataset.solution, ranges, strict=True):
+        widened = found and found.widened(errors.of_field(field.name).value)
+        facts.append(_field(field, widened, [own.fields[field.name] for own in tallies]))
+    return facts
+
+
+def _field(field: Field, found: Range | None, every: Sequence[_Coefficients]) -> Facts:
     """Size, orders and range of one field; elements with a coefficient that is not finite are counted apart.
 
-    field  of elements that may hold an end of the range, which includes the error of its conversion
+    field  of elements that may hold an end of the range
+    found  the range, which includes the error of its conversion
     every  of all elements
     """
-    found = field_range(field.blocks)
-    found = found and found.widened(ConversionErrors.of(dataset.metadata).of_field(field.name).value)
     elements = [sum(own) for own in zip(*(own.elements for own in every), strict=True)]
     counts = dict.fromkeys((block.expansion for block in field.blocks), 0)
     for block, count in zip(field.blocks, elements, strict=True):
