@@ -38,8 +38,10 @@ def test_many_elements_at_the_same_points(case):
     assert np.allclose(gradients, np.einsum("ecm,ndm->ecnd", coefficients, derivatives), rtol=0, atol=1e-12)
 
 
-def test_an_element_for_each_point(case):
+@pytest.mark.parametrize("elements", [5, 2])
+def test_an_element_for_each_point(case, elements):
     expansion, coefficients, points, rows = case
+    rows = rows % elements
     table, derivatives = values_and_gradients(expansion, points)
     expected = np.einsum("ncm,nm->nc", coefficients[rows], table)
     assert np.allclose(evaluation.evaluate_at(expansion, coefficients, rows, points), expected, rtol=0, atol=1e-13)

@@ -8,6 +8,7 @@ import pytest
 from elvis.core.dataset import Dataset
 from elvis.core.shapes import Shape
 from elvis.core.streamlines.streamlines import trace
+from elvis.core.streamlines.velocity import Velocity, velocity_expressions
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
 from elvis.renderer.passes.streams import following
 
@@ -162,6 +163,13 @@ def test_a_few_long_lines_continue_on_the_device(follow, monkeypatch):
         lines, taken = follow(dataset, seeds, **settings)
         check_same(lines, truth)
         assert (taken > 0) == goes_on
+
+
+@pytest.mark.parametrize(("count", "order", "steps"), [(128, 1, 0), (100, 1, 100), (1, 7, 100), (100, 7, 20)])
+def test_the_host_takes_fewer_steps_of_many_lines_and_modes(count, order, steps):
+    dataset = rotating(grid(Shape.HEXAHEDRON, 1), order + 1)
+    tracer = SimpleNamespace(velocity=Velocity(dataset, velocity_expressions(dataset, None)))
+    assert following.DeviceTracer._host_steps(tracer, count) == steps
 
 
 @pytest.mark.parametrize(("dimension", "states"), [(2, [[1, 2, 4]]), (3, [[1, 2, 3, 4]])])

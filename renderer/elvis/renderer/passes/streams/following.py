@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.mapping.locate import Locator
+from elvis.core.polynomials.expansion import mode_count
 from elvis.core.streamlines import dop853, entries, tracer
 from elvis.core.streamlines.endings import End
 from elvis.core.streamlines.line_steps import Limits, Piece
@@ -34,8 +35,9 @@ from elvis.renderer.pixels import NOBODY
 
 #: lines below which the host is sooner done than a device is opened and its kernel compiled
 FEW = 128
-#: steps that the host takes of few lines before a device goes on
-LONG = 100
+#: steps that the host takes of few lines before a device goes on: their largest number, and that of the product of
+#: steps, lines and modes
+LONG, WORK = 100, 1 << 20
 #: steps per dispatch, shared by lines; minimum and maximum steps per line
 _ROOM, _LEAST, _MOST = 1 << 16, 8, 128
 #: stands for an element of another part, as in trace_follow.slang
@@ -140,8 +142,7 @@ class DeviceTracer(Tracer):
 
     def run(self) -> Iterator[Piece]:
         """The steps of all lines until each has ended, many lines at a time: few lines are the host's, if not long."""
-        many = np.count_nonzero(self.end == End.GOING) >= FEW
-        yield from islice(super().run(), 0 if many else LONG)
+        yield from islice(super().run(), self._host_steps(int(np.count_nonzero(self.end == End.GOING))))
         if not (self.end == End.GOING).any():
             return
         found = self._followers.device_for(self.velocity, self.neighbours)
@@ -150,6 +151,12 @@ class DeviceTracer(Tracer):
             return
         self._device, self._stages = found
         yield from self._run_there()
+
+    def _host_steps(self, count: int) -> int:
+        """The number of steps that the host takes of ``count`` lines: about as long as a device takes to be opened."""
+        patches = self.velocity.patches
+        modes = max(mode_count(own) for patch in patches for own in (patch.geometry, *patch.fields) if own is not None)
+        return 0 if count >= FEW else min(LONG, WORK // (max(count, 1) * modes))
 
     def _run_there(self) -> Iterator[Piece]:
         """The same, on the device where that can."""
