@@ -1,5 +1,6 @@
 """The last sharp picture, moved with the camera by its depths: where its points are seen from the moved camera."""
 
+from base64 import b64decode
 from itertools import pairwise
 
 import numpy as np
@@ -11,20 +12,23 @@ from elvis.renderer.drafts import drafted
 from elvis.scene import CutSurface, MeshLines, Style
 from elvis.viewer.depths import PARTS_OF_PIXEL, STEPS, depths_of, motion_of
 
-#: colours of the moved picture, or of the picture itself, as a list of rows
+#: size and colours, in base64, of the moved picture, of the one that it is made of, or of the picture itself
 COLOURS = """(name) => {
   const [left, top, width, height] = elvis.picture.image;
   const canvas = new OffscreenCanvas(width, height).getContext("2d");
-  if (name === "warp") canvas.drawImage(elvis.warp.canvas, 0, 0, width, height);
+  if (name === "lifted") canvas.drawImage(elvis.warp.source.canvas, 0, 0);
+  else if (name === "warp") canvas.drawImage(elvis.warp.canvas, 0, 0, width, height);
   else canvas.drawImage(elvis.canvas, left, top, width, height, 0, 0, width, height);
-  return [width, height, ...canvas.getImageData(0, 0, width, height).data];
+  const bytes = canvas.getImageData(0, 0, width, height).data;
+  const rows = Array.from({length: height}, (_, row) => bytes.subarray(4 * width * row, 4 * width * (row + 1)));
+  return [width, height, btoa(rows.map((row) => String.fromCharCode(...row)).join(""))];
 }"""
 FIRST = {"eye": [2, 1.5, 3], "at": [0.5, 0.5, 0.4], "up": [0, 1, 0]}
 
 
 def colours(page, name):
-    width, height, *values = page.evaluate(COLOURS, name)
-    return np.array(values, float).reshape(height, width, 4)[..., :3]
+    width, height, content = page.evaluate(COLOURS, name)
+    return np.frombuffer(b64decode(content), np.uint8).reshape(height, width, 4)[..., :3].astype(float)
 
 
 @pytest.mark.parametrize("lens", [{"fov": 30}, {"height": 1.8}])
@@ -72,14 +76,13 @@ def test_parallel_views_of_one_direction_are_shifted(page, viewer):
 
 
 def test_depths_are_stored_in_sixteen_bits(scene):
-    import base64
     import zlib
 
     objects = (CutSurface(Sphere((0.5, 0.5, 0.5), 0.3)), CutSurface(Plane((0, 0, 0.2), (0, 0, 1))))
     camera = Camera((3.0, 2.0, 4.0), (0.5, 0.5, 0.5), (0.0, 1.0, 0.0), fov=25.0)
     frame = render(read(*scene.data), "u", objects=objects, camera=camera, size=(900, 500), domain_outline=False)
     found = depths_of(frame)
-    parts = np.frombuffer(zlib.decompress(base64.b64decode(found["data"])), "<u2").reshape(found["size"][::-1])
+    parts = np.frombuffer(zlib.decompress(b64decode(found["data"])), "<u2").reshape(found["size"][::-1])
     depth = frame.depth[:: found["step"], :: found["step"]]
     assert max(found["size"]) <= 400
     assert np.array_equal(parts > 0, np.isfinite(depth))
@@ -131,12 +134,8 @@ def test_the_outline_of_the_domain_moves_apart_from_the_picture(page, viewer):
     settled(page, viewer)
     page.wait_for_function("elvis.warp.source.lines.length === 1")
     assert (colours(page, "exact") != bare).any()
-    lifted = page.evaluate(
-        "[...elvis.warp.source.canvas.getContext('2d').getImageData(0, 0, elvis.warp.source.width, "
-        "elvis.warp.source.height).data]"
-    )
+    lifted = colours(page, "lifted")
     left, top, side = page.evaluate("elvis.picture.arrows")
-    lifted = np.array(lifted).reshape(*bare.shape[:2], 4)[..., :3]
     is_own = np.ones(bare.shape[:2], bool)
     is_own[top : top + side, left : left + side] = False
     assert np.array_equal(lifted[is_own], bare[is_own])
