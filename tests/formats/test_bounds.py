@@ -19,6 +19,7 @@ from elvis.core.differences.compositions import Composition
 from elvis.core.distances.sides import _gaps
 from elvis.core.extrema import Nets
 from elvis.core.integrals import along_curves, integrate, level_error
+from elvis.core.integrals.box_discs import BoxDiscs
 from elvis.core.integrals.level_discs import LevelDiscs
 from elvis.core.integrals.touching import _bounds, _shares
 from elvis.core.mapping.boxes import ROUNDINGS, outward
@@ -642,3 +643,12 @@ def test_slopes_of_graphs_are_off_by_errors_of_the_eigenvalue_and_of_its_slopes(
     slopes = [np.abs(np.diff(boxes.above, axis=2 + k)).max(axis=(2, 3, 4)) for k in range(3)]
     off = error * np.stack(slopes, axis=2) + slope_error * np.abs(boxes.above).max(axis=(2, 3, 4))[..., None]
     assert graphs.slope_errors == pytest.approx(np.abs(graphs.combining) @ off, rel=1e-12)
+
+
+def test_values_on_real_boxes_are_within_the_first_radius():
+    """Radii on ellipses, which are larger, follow it."""
+    middle, radius = np.array([[0.5], [-1.0]]), np.array([[0.5, 2.0], [0.25, 3.0]])
+    parts = SimpleNamespace(_leaf=lambda node: SimpleNamespace(disc=(middle, radius)), count=2)
+    low, high = BoxDiscs.interval(parts, Expression.of(Dataset(grid(Shape.HEXAHEDRON, 1)), "x").root)
+    assert low.tolist() == [0.0, -1.25]
+    assert high.tolist() == [1.0, -0.75]

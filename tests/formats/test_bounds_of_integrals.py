@@ -39,6 +39,7 @@ from elvis.core.integrals.tree_discs import Ball, TreeDiscs, divided
 from elvis.core.polynomials.boxnets import on_lattice
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.quantities import Expression, discs, intervals
+from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.tree import call, fold, number
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
@@ -888,3 +889,11 @@ def test_surfaces_without_a_slope_across_may_have_any_area():
     found = level_error._graph_area(nets, np.ones((2, 3)))
     assert found[0] == np.inf
     assert found[1] < 10
+
+
+def test_expressions_are_rounded_in_proportion_to_their_precision():
+    dataset = Dataset(grid(Shape.QUADRILATERAL, 1))
+    expressions = [Expression.of(dataset, text) for text in ("x", "x*y")]
+    for precision, roundings in (((), [1.0, 1.0]), ((0.25, 0.5), [0.25, 0.5])):
+        found = Summation(dataset, Evaluator(dataset, expressions), expressions, 1e-3, precision)
+        assert found._roundings.tolist() == roundings

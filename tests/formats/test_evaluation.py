@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from elvis.core.dataset import Expansion
-from elvis.core.polynomials import evaluation, tensor_points
+from elvis.core.polynomials import curvature, evaluation, tensor_points
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.expansion import mode_count, values, values_and_gradients
+from elvis.core.polynomials.interpolation import modified
 from elvis.core.shapes import Shape
 
 EXPANSIONS = [
@@ -99,3 +100,18 @@ def test_lattices_are_evaluated_by_factors(monkeypatch, expansion, order, counts
     assert np.allclose(plain, expected[0], rtol=0, atol=1e-13)
     for own, known in zip(found, expected, strict=True):
         assert np.allclose(own, known, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("shape", list(Shape))
+def test_second_derivatives_match_differences_of_gradients(shape, monkeypatch):
+    """On pyramids, too, where the coordinates of the polynomials depend on those of the points."""
+    monkeypatch.setattr(curvature, "_BATCH", 100)
+    random, d, step = np.random.default_rng(1), shape.dimension, 1e-5
+    expansion = modified(shape, (4,) * d)
+    points, rows = random.uniform(-0.9, -0.5, (12, d)), random.integers(0, 3, 12)
+    coefficients = random.normal(size=(3, 2, mode_count(expansion)))
+    found = curvature.hessians_at(expansion, coefficients, rows, points)
+    for axis in range(d):
+        ends = [points + sign * step * np.eye(d)[axis] for sign in (-1, 1)]
+        slopes = [evaluation.evaluate_at_with_gradients(expansion, coefficients, rows, own)[1] for own in ends]
+        assert found[..., axis] == pytest.approx((slopes[1] - slopes[0]) / (2 * step), rel=1e-6, abs=1e-6)

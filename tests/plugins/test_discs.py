@@ -3,6 +3,7 @@
 from itertools import product
 from pathlib import Path
 
+import mpmath
 import numpy as np
 import pytest
 
@@ -152,6 +153,17 @@ def test_numbers_without_all_digits_have_room(made):
     lost = made("over", [[1e-307, 0.0, 0.0]], [[1e-100, 1e-115, 0.0]])[0]
     assert lost[1] >= 1e-222
     assert lost[7] >= 1e-222
+
+
+def test_radii_of_logarithms_have_room_for_the_rounding_of_quotients(made):
+    """|log z - log m| is -log(1 - r/m) at most, here with 50 digits."""
+    rng = np.random.default_rng(8)
+    middle = rng.uniform(1.0, 2.0, COUNT)
+    first = np.stack([middle, middle * rng.uniform(2e-3, 4e-3, COUNT), 0 * middle], axis=1)
+    found = made("log", first, first)[:, 1]
+    with mpmath.workdps(50):
+        exact = [-mpmath.log(1 - mpmath.mpf(radius) / mpmath.mpf(own)) for own, radius in first[:, :2].tolist()]
+        assert all(mpmath.mpf(own) >= bound for own, bound in zip(found.tolist(), exact, strict=True))
 
 
 def test_roots_of_discs_that_touch_zero_are_not_smooth(made):
