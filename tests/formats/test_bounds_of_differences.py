@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from claims import TEETH, check
 
-from elvis.core.differences import bent_pairs, compositions, overlaps, prepared
+from elvis.core.differences import bent_pairs, compositions, convergence, difference, greatest, overlaps, prepared
 from elvis.core.differences.compositions import Composition, PairBoxes, _crossing, _field_roundings, growth
+from elvis.core.extrema import Extremum
 from elvis.core.mapping.margins import heights
 from elvis.core.patch import patches
 from elvis.core.polynomials.bernstein import (
@@ -480,3 +481,35 @@ def test_largest_differences_are_of_either_sign_and_less_than_their_rounding():
     best = pairs._search.best
     assert (best.value, best.element) == (2.75, 7)
     assert np.allclose(best.position, [-0.4, 0, 0])
+
+
+def test_orders_of_convergence_are_known_between_sizes_and_errors_that_differ():
+    errors, sizes = (1.0, 0.25, 0.0, 0.1, 0.05), (1.0, 0.5, 0.25, 0.125, 0.125)
+    members = [
+        SimpleNamespace(size=size, of=lambda _, own=error: SimpleNamespace(l2=own))
+        for error, size in zip(errors, sizes, strict=True)
+    ]
+    found = convergence.Family.orders(SimpleNamespace(members=members), "u")
+    assert found[1] == pytest.approx(2.0)
+    assert np.isnan([found[0], *found[2:]]).all()
+
+
+def extremum(value, bound):
+    return Extremum(value, bound, (0.0, 0.0, 0.0), 0)
+
+
+def test_the_largest_of_two_extrema_has_the_larger_bound(monkeypatch):
+    lowest, highest = extremum(-3.0, -4.0), extremum(2.0, 5.0)
+    monkeypatch.setattr(greatest, "extrema_of_difference", lambda *_: (lowest, highest))
+    found = greatest.greatest_of_fields(None, "u", "v")
+    assert (found.value, found.bound) == (3.0, 5.0)
+
+
+@pytest.mark.parametrize(("value", "bound"), [(1.0, 2.0), (1.5, 2.0), (3.0, 3.0)])
+def test_larger_differences_nearby_raise_the_bound(monkeypatch, value, bound):
+    monkeypatch.setattr(difference, "greatest_near", lambda *_: extremum(value, value))
+    own = SimpleNamespace(_evaluator=None, held=None, _expressions={"value": None})
+    best = difference._Compared._or_near(own, extremum(1.0, 2.0), np.zeros((1, 3)))
+    assert (best.value, best.bound) == (value, bound)
+    unbounded = difference._Compared._or_near(own, extremum(1.0, np.inf), np.zeros((1, 3)))
+    assert (unbounded.value, unbounded.bound) == (value, np.inf)

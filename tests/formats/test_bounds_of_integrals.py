@@ -11,6 +11,7 @@ from elvis.core.errors import ElvisError
 from elvis.core.integrals import (
     analytic_error,
     box_discs,
+    conversion,
     copied_integrals,
     disc_algebra,
     graph_discs,
@@ -897,3 +898,36 @@ def test_expressions_are_rounded_in_proportion_to_their_precision():
     for precision, roundings in (((), [1.0, 1.0]), ((0.25, 0.5), [0.25, 0.5])):
         found = Summation(dataset, Evaluator(dataset, expressions), expressions, 1e-3, precision)
         assert found._roundings.tolist() == roundings
+
+
+def test_conversions_move_integrals_by_values_and_by_measures(monkeypatch):
+    """Three elements of area 1, values -2 that are off by 0.5, and places whose slopes are off by a tenth."""
+    monkeypatch.setattr(conversion, "ElementPoints", lambda *_: SimpleNamespace(jacobians=None))
+
+    class Squares:
+        dimension, patch, rows = 2, None, np.arange(3)
+        points, measures = staticmethod(lambda eta: eta), staticmethod(lambda _, eta: np.full(len(eta), 0.25))
+
+        def __len__(self):
+            return 3
+
+    evaluator = SimpleNamespace(
+        values_at=lambda _, places: [np.full(3 * conversion._COUNT**2, -2.0)], radius_at=lambda *_: 0.5
+    )
+    errors = SimpleNamespace(place=SimpleNamespace(slope=0.1))
+    own = SimpleNamespace(errors=errors, _expressions=[None], _evaluator=evaluator)
+    found = conversion.ConversionTerms._over(own, Squares())
+    assert found == pytest.approx([3 * (0.5 + 2 * (1.1**2 - 1))], rel=1e-12)
+
+
+def test_factors_in_discs_around_one_grow_balls_and_at_most_double_their_slack():
+    """Of 3 +- 0.5, times powers of factors in discs of radii 0.5 and 0.25; factors are between 0 and 2."""
+    ball = Ball(*(np.full((3, 1), own) for own in (3.0, 0.5, 1.0, 0.2, 0.1, 0.3)))
+    tree = TreeDiscs(3, np.array([[0.5], [0.25]]), None, None)
+    found = tree._product(ball, np.array([[0, 0], [1, 0], [2, 1]]))
+    assert found.middle[:, 0].tolist() == [3.0] * 3
+    radii = [0.5, 3.5 * 1.5 - 3, 3.5 * 1.5**2 * 1.25 - 3]
+    assert found.radius[:, 0] == pytest.approx(radii, rel=1e-12)
+    assert found.low[:, 0] == pytest.approx([1.0, *(3 - radius for radius in radii[1:])], rel=1e-12)
+    assert found.slack[:, 0] == pytest.approx([0.1, 0.2, 0.8], rel=1e-12)
+    assert found.root_slack[:, 0] == pytest.approx(0.3 * np.sqrt([1.0, 2.0, 8.0]), rel=1e-12)
