@@ -16,6 +16,7 @@ FOUND = {
     "direction": 3,
     "span": 2,
     "shift": 1,
+    "wrong": 1,
     "skewed": 1,
     "net": 4,
     "accuracy": 3,
@@ -117,6 +118,9 @@ def found(functions, rays):
         "nodes": NODES,
         "net": NET,
         "net_size": np.array([NET_SIZE]),
+        # as large as what lines are off by
+        "errors": rays.error,
+        "steepest": 1e13 * rays.condition_steepest,
         "condition_errors": rays.condition_error,
         "condition_steepest": rays.condition_steepest,
         "hit_pixels": np.array([COUNT], np.uint32),
@@ -148,6 +152,7 @@ def test_rays_are_straight_lines_of_reference_coordinates(rays, found):
     farthest = np.abs(rays.span).max(axis=1, keepdims=True) * np.abs(found["direction"])
     shift = 2e-15 * skewed * (np.abs(found["start"]) + farthest).max(axis=1)
     assert found["shift"] == pytest.approx(shift, rel=1e-12, abs=0)
+    assert found["wrong"] == pytest.approx(rays.error + 1e13 * rays.condition_steepest * shift, rel=1e-12, abs=0)
 
     # inside of a tetrahedron that is a little larger
     z = np.linspace(0, 8, 16001)
