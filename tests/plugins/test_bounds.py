@@ -234,7 +234,8 @@ def test_derivatives_of_patches_along_their_sides_are_within_their_bounds(stated
         for a, b in rng.uniform(0.1, 1, (5, 2)):
             way, half = rng.uniform(0.1, 1, (COUNT, 2)), rng.uniform(0.2, 2, COUNT)
             slope = (way @ [a, b]) * half
-            first = half[:, None]
+            # sizes of turned parts are negative
+            first = half[:, None] * rng.choice([-1, 1], (COUNT, 1))
             for order in (1, 2, 3):
                 third = np.tile([2, 0, order - 1], (COUNT, 1))
                 yield (
