@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from elvis.core.dataset import Dataset
-from elvis.core.mapping import enclosure
+from elvis.core.mapping import enclosure, inverse
 from elvis.core.mapping.enclosure import excluded, search
 from elvis.core.mapping.inverse import Status, invert
 from elvis.core.mapping.margins import TOLERANCE, drawn_in, facets, heights, margins
@@ -18,6 +18,7 @@ from elvis.core.polynomials.collapse import collapse, collapse_jacobian, uncolla
 from elvis.core.shapes import Shape
 from elvis.core.testing import (
     curved,
+    grid,
     one_element,
     ripple,
     scattered,
@@ -254,3 +255,15 @@ def test_large_coordinates_cost_digits_but_points_are_found():
     assert ((found.status == Status.INSIDE) | (margins(Shape.HEXAHEDRON, points) < 1e-8)).all()
     hits = found.status == Status.INSIDE
     np.testing.assert_allclose(found.reference[hits], points[hits], rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize(("numbers", "pairs"), [(1, 1 << 15), (1 << 21, 7), (1, 7)])
+def test_pairs_are_found_in_batches_of_any_size(monkeypatch, numbers, pairs):
+    (patch,) = patches(Dataset(curved(grid(Shape.HEXAHEDRON, 7), ripple(0.02), 3)))
+    rows = np.random.default_rng(0).integers(0, len(patch), 500)
+    reference = np.random.default_rng(1).uniform(-0.9, 0.9, (len(rows), 3))
+    monkeypatch.setattr(inverse, "_BATCH", numbers)
+    monkeypatch.setattr(inverse, "_PAIRS", pairs)
+    found = invert(patch, rows, positions(patch, rows, reference))
+    assert (found.status == Status.INSIDE).all()
+    assert np.abs(found.reference - reference).max() < 1e-11

@@ -9,6 +9,7 @@ Homogeneous directions are not treated here: points have coordinate 0 along them
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -95,17 +96,23 @@ def invert(patch: Patch, rows: Ints, points: Floats, prove: bool = True, distanc
     that need the search are UNCERTAIN unless ``prove`` is set.
     """
     roots = Roots.none(len(rows), patch.shape.dimension)
-    per_element = int(np.prod(patch.geometry_coefficients.shape[1:]))
-    step = min(_PAIRS, max(256, _BATCH // per_element))
-    # pairs of an element follow each other, so that few batches need its facts
-    order = np.argsort(rows, kind="stable")
-    for part in chunks(len(rows), step):
-        chosen = order[part]
+    for chosen in _batches(patch, rows):
         distinct = _Elements(patch, np.unique(rows[chosen]), distance)
         _first_pass(distinct, rows[chosen], points[chosen], chosen, roots, prove)
     if prove:
         decide(patch, rows, points, roots, distance)
     return roots
+
+
+def _batches(patch: Patch, rows: Ints) -> Iterator[Ints]:
+    """Pairs, by elements (n,), that are treated together: the maps of their elements, and they, are not too many."""
+    # pairs of an element follow each other, so that few batches need its facts
+    order = np.argsort(rows, kind="stable")
+    number = np.cumsum(np.diff(rows[order], prepend=rows[order[:1]]) != 0)
+    most = max(256, _BATCH // int(np.prod(patch.geometry_coefficients.shape[1:])))
+    for some in np.split(order, np.flatnonzero(np.diff(number // most)) + 1):
+        for part in chunks(len(some), _PAIRS):
+            yield some[part]
 
 
 def decide(patch: Patch, rows: Ints, points: Floats, roots: Roots, distance: float = DISTANCE) -> None:
