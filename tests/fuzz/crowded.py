@@ -18,15 +18,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from crowded_arrays import ARRAYS, Files, Maker
 from large import run
 
 from elvis.core.arrays import Floats, Ints
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
-
-#: texts by the name of their file; the command reads all of them
-Files = dict[str, bytes]
-Maker = Callable[[int], Files]
 
 #: vertices of a cube, and one more in its middle: no number of one has two digits
 PLACES = [(x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)] + [(0.5, 0.5, 0.5)]
@@ -451,7 +448,7 @@ BINARY: dict[str, Maker] = {
 
 READERS: dict[str, dict[str, Maker]] = {
     "binary": BINARY, "native": NATIVE, "gmf": GMF, "mfem": MFEM, "gmsh": GMSH, "vtk": VTK, "ngsolve": NGSOLVE,
-    "nurbs": NURBS,
+    "nurbs": NURBS, **ARRAYS,
 }  # fmt: skip
 
 
@@ -466,6 +463,7 @@ def cases(readers: Sequence[str], kinds: Sequence[str]) -> Iterator[tuple[str, s
 def store(folder: Path, files: Files) -> None:
     """Write files into a folder."""
     for name, text in files.items():
+        (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).write_bytes(text)
 
 

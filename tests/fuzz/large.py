@@ -25,13 +25,16 @@ from elvis.core.testing import approximated, grid
 PER_BYTE, BASE = 20, 300 << 20
 #: lines that a command without an error prints at most
 MOST_NOTES = 10
+#: words of a command that a line of the report shows
+SHOWN = 8
 #: expressions of many characters
 LONG = ("u" * 90_000, "u" + "+u" * 45_000, "(" * 90_000, "1" * 90_000, "'" + "a" * 90_000 + "'", "d(" * 30_000)
 
 
 def run(folder: Path, files: Sequence[str], words: Sequence[str]) -> str:
     """Run a command; its end, seconds and memory, and FAULT if it breaks the rule."""
-    size = sum((folder / name).stat().st_size for name in files)
+    paths = [own for name in files for own in (folder / name, *(folder / name).rglob("*"))]
+    size = sum(path.stat().st_size for path in paths if path.is_file())
     # a cached conversion would hide the cost of the first one
     with TemporaryDirectory() as cache:
         process = subprocess.Popen(
@@ -51,7 +54,8 @@ def run(folder: Path, files: Sequence[str], words: Sequence[str]) -> str:
     most_lines = {0: MOST_NOTES, 1: 1}.get(process.returncode, 0)
     is_good = memory <= PER_BYTE * size + BASE and process.returncode <= len(lines) <= most_lines
     is_good &= all(len(line) < 2000 for line in lines)
-    shown = " ".join(word if len(word) < 30 else word[:20] + "…" for word in words)
+    shown = " ".join(word if len(word) < 30 else word[:20] + "…" for word in words[:SHOWN])
+    shown += f" … ({len(words)} words)" if len(words) > SHOWN else ""
     end = f"status {process.returncode}, {seconds:.1f} s, {memory >> 20} MB for {size >> 20} MB of files"
     return f"{shown}: {end} {lines[0][:100] if lines else ''}{'' if is_good else ' FAULT'}"
 

@@ -8,6 +8,7 @@ from PIL import Image
 from elvis import Dataset, Shape, read, write
 from elvis.core.testing import approximated, grid
 from elvis.plugins.command import elvis
+from elvis.plugins.report import Measure, RecordedReport, Report
 from elvis.plugins.running import Settings
 
 
@@ -97,3 +98,17 @@ def test_jpeg_has_no_transparency(folder):
     assert status == 1
     assert "JPEG has no transparency" in text
     assert not (folder / "a.jpg").exists()
+
+
+def test_remarks_on_very_many_files_stay_short():
+    """A run of 1,000 processes has a file of each; a remark names the first ones and their number."""
+    names = tuple(f"mesh.{number:06d}" for number in range(1000))
+    measure = Measure("coordinates", 1, 0.0, 0.0, 1.0, 1.0, 1e-16, 0, True, None, 1.0)
+    found = Report("mfem", names, {"tetrahedron": 1000}, measure, (0.0, 0), False, (), {}, (), ("a warning",))
+    for remark in found.remarks():
+        assert remark.startswith("mesh.000000, mesh.000001, ")
+        assert ", ... (1000 files): " in remark
+        assert len(remark) < 250
+    recorded = RecordedReport.of(found.metadata())
+    assert recorded is not None
+    assert len(recorded.facts["files"]) == 1000

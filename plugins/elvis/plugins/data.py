@@ -384,4 +384,6 @@ def _work(paths: Sequence[Path], candidates: Sequence[Candidate], reading: Readi
 
 def _stage_of(work: Work) -> AbstractContextManager[None]:
     """A stage on the terminal while files are converted."""
-    return stage(f"converting {', '.join(path.name for path in work.paths)}")
+    from elvis.plugins.report import named_files
+
+    return stage(f"converting {named_files([path.name for path in work.paths])}")

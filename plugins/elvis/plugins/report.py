@@ -158,7 +158,7 @@ class Report:
 
     def remarks(self) -> tuple[str, ...]:
         """Remarks that every command prints: `remark`, and the warnings."""
-        files = ", ".join(self.files)
+        files = named_files(self.files)
         return (self.remark(), *(f"{files}: {warning}" for warning in self.warnings))
 
     def remark(self) -> str:
@@ -171,7 +171,7 @@ class Report:
         else:
             found = f"exact to the rounding of its numbers (up to {rounded_up(worst.relative, 1)} of a range)"
         more = "; see elvis info" if len(self.sentences()) > len(self.warnings) else ""
-        return f"{', '.join(self.files)}: converted in memory, {found}{more}"
+        return f"{named_files(self.files)}: converted in memory, {found}{more}"
 
     def metadata(self) -> dict[str, str]:
         """Keys and texts for the dataset."""
@@ -221,7 +221,7 @@ class RecordedReport:
             facts = json.loads(metadata[REPORT])
             rows = [_row_of("coordinates", facts["geometry"])]
             rows += [_row_of(name, own) for name, own in facts.get("fields", {}).items()]
-            files = ", ".join(map(str, facts["files"]))
+            files = named_files(list(map(str, facts["files"])))
             heading = f"converted from {files} ({facts['converter']})" if files else f"projected: {facts['converter']}"
             listed = [f"{name} elements, unchanged: {facts[name]}" for name in LISTED if name in facts]
             notes = [str(note) for name in ("notes", "warnings") for note in facts.get(name, [])]
@@ -251,6 +251,11 @@ def _some_of(lost: Sequence[Measure]) -> Sequence[Measure]:
     """The coordinates where they are among these, and the worst of the fields."""
     fields = sorted((each for each in lost if each.is_continuous is not None), key=lambda each: -each.relative)
     return [*(each for each in lost if each.is_continuous is None), *fields[:1]]
+
+
+def named_files(names: Sequence[str]) -> str:
+    """Names of files in a message: all of a few, else the first ones and how many there are."""
+    return ", ".join(names[:_MANY]) + (f", ... ({len(names)} files)" if len(names) > _MANY else "")
 
 
 def _some(ids: Sequence[int]) -> str:

@@ -142,11 +142,13 @@ class BoxTree:
 
     def overlaps(self, low: Floats, high: Floats) -> tuple[Ints, Ints]:
         """All pairs of a box with corners (n, 3) and an element whose box it meets, as `candidates` of points."""
-        return _sorted_pairs(self.batches(len(low), partial(meet, low, high)))
+        ends = np.ascontiguousarray(low), np.ascontiguousarray(high)
+        return _sorted_pairs(self.batches(len(low), partial(meet, *ends)))
 
     def candidate_batches(self, points: Floats, size: int = 1 << 18) -> Iterator[tuple[Ints, Ints]]:
         """The pairs of `candidates` in no order; at most ``size`` pairs of points and nodes are examined together."""
-        return self.batches(len(points), partial(meet, points, points), size)
+        places = np.ascontiguousarray(points)
+        return self.batches(len(points), partial(meet, places, places), size)
 
     def ray_batches(self, points: Floats, way: Floats, size: int = 1 << 18) -> Iterator[tuple[Ints, Ints]]:
         """The pairs of a ray from a point (n, 3), all of one direction (3,), and an element whose box it meets, in no
@@ -203,16 +205,19 @@ def _split(level: int, point: Ints, node: Ints, size: int) -> list[tuple[int, In
 
 
 def meet(low: Floats, high: Floats, boxes: Boxes, rows: Ints, which: Ints) -> Bools:
-    """(k,) whether box ``rows`` (k,) meets that number ``which`` (k,) of those with corners (n, 3)."""
-    box, least = boxes[rows].T, low[which].T
-    greatest = least if high is low else high[which].T
-    sides: list[Bools] = [(box[axis] <= greatest[axis]) & (least[axis] <= box[axis + 3]) for axis in range(3)]
-    return sides[0] & sides[1] & sides[2]
+    """(k,) whether box ``rows`` (k,) meets that number ``which`` (k,) of those with corners (n, 3).
+
+    All arrays are contiguous: then ``take`` is several times as quick as an index.
+    """
+    box, least = boxes.take(rows, axis=0), low.take(which, axis=0)
+    greatest = least if high is low else high.take(which, axis=0)
+    held = (box[:, :3] <= greatest) & (least <= box[:, 3:])
+    return np.asarray(held[:, 0] & held[:, 1] & held[:, 2])
 
 
 def _ray_meets(points: Floats, way: Floats, boxes: Boxes, rows: Ints, which: Ints) -> Bools:
     """(k,) whether box ``rows`` (k,) meets the ray number ``which`` (k,) of those from points (n, 3)."""
-    box, start = boxes[rows].T, points[which].T
+    box, start = boxes.take(rows, axis=0).T, points[which].T
     entry: Floats = np.zeros(len(rows))
     leaving: Floats = np.full(len(rows), np.inf)
     with np.errstate(divide="ignore", invalid="ignore"):
