@@ -1,5 +1,7 @@
 """Automatic views: what the plane meets of boxes, and nothing else."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -133,3 +135,20 @@ def test_without_zoom_a_region_is_shown_to_the_last_bit():
 )
 def test_views_independent_of_values(given, stays):
     assert is_of_elements(Scene("u", **given)) == stays
+
+
+def test_memory_of_a_view_does_not_grow_with_the_elements():
+    """Corners of boxes take eight times the memory of these; only some are taken together, and none is left out."""
+    last = np.array([[7, 7, 7, 9, 8, 11]], np.float32)
+    extents, peaks = [], []
+    for count in (100_000, 400_000):
+        boxes = np.concatenate([np.tile(UNIT, (count, 1)), last])
+        tracemalloc.start()
+        found = automatic(Scene(), [boxes], lambda scene: np.ones((scene.size[1], scene.size[0]), bool))
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+        extents.append(found.camera)
+    assert extents[0] == extents[1]
+    few = automatic(Scene(), [UNIT, last], lambda scene: np.ones((scene.size[1], scene.size[0]), bool))
+    assert extents[0] == few.camera
+    assert peaks[1] < 2 * peaks[0]

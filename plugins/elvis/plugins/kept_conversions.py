@@ -23,6 +23,7 @@ from typing import Any, BinaryIO
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.files.keeping import Store, cache_folder
+from elvis.core.memory import release_free_memory
 from elvis.core.portions import Portion
 from elvis.core.ranks import Ranks, agreed
 from elvis.formats.nektar.geometry_output import place
@@ -264,6 +265,7 @@ def _convert(work: Work, keep: Callable[[_Result], None] | None = None) -> Datas
             # their arrays take more memory than those that are read
             del source
             conversion = None
+            release_free_memory()
             dataset = result.dataset()
             if keep is not None and further_files is not None:
                 keep(result)

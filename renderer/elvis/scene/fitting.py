@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from elvis.core.arrays import Bools, Floats
 from elvis.core.mapping.boxes import Boxes
+from elvis.core.mapping.orientation import chunks
 from elvis.scene import Camera, CutSurface, Faces, Glyphs, Implicit, Plane, Scene, Streamlines
 from elvis.scene.errors import AbsentError, SceneError
 from elvis.scene.view import MARGIN, fit_camera, named_camera
@@ -24,6 +25,8 @@ GLANCES = 4
 GROWTH = 2.0
 #: extent of objects relative to the domain's below which a picture does not hold all of its outline
 SMALL = 0.3
+#: boxes whose corners are taken together
+BOXES_AT_ONCE = 1 << 15
 #: pairs of corners k = x + 2 y + 4 z of a box that an edge joins
 _EDGES = np.array([(k, k + step) for step in (1, 2, 4) for k in range(8) if not k & step])
 
@@ -100,14 +103,24 @@ def _extent_of_boxes(scene: Scene, camera: Camera, boxes: Sequence[Boxes]) -> Fl
 
     The extent is infinite if nothing is visible.
     """
+    axes = np.array(camera.basis()[:2]).T
+    low, high = np.full(2, np.inf), np.full(2, -np.inf)
+    for points in _points_of_boxes(scene, boxes):
+        places = points[np.isfinite(points).all(axis=1)] @ axes
+        low = np.minimum(low, places.min(axis=0, initial=np.inf))
+        high = np.maximum(high, places.max(axis=0, initial=-np.inf))
+    return np.array([low, high])
+
+
+def _points_of_boxes(scene: Scene, boxes: Sequence[Boxes]) -> Iterator[Floats]:
+    """Points (n, 3) that may be visible, some boxes' after another: their corners, or those on the only plane."""
     plane = scene.only_plane
-    if plane and not scene.box:
-        points = np.concatenate([crossings(some, plane) for some in boxes])
-    else:
-        points = np.concatenate([_corners(some) for some in boxes])
-    finite = points[np.isfinite(points).all(axis=1)]
-    places = finite @ np.array(camera.basis()[:2]).T
-    return np.array([places.min(axis=0, initial=np.inf), places.max(axis=0, initial=-np.inf)])
+    for some in boxes:
+        if plane and not scene.box:
+            yield crossings(some, plane)
+        else:
+            for part in chunks(len(some), BOXES_AT_ONCE):
+                yield _corners(some[part])
 
 
 def _extent_by_glances(
