@@ -261,6 +261,9 @@ def test_fourier_directions_count():
     assert integrate(dataset, "volume").value == pytest.approx(2.5, rel=1e-12)
     assert integrate(dataset, "u^2").value == pytest.approx(norms(dataset)["u"].l2 ** 2, rel=1e-10)
     assert integrate(dataset, "area", "all").value == pytest.approx(10, rel=1e-12)
+    for cut in ({"over": "z=0.3"}, {"over": "sphere:0.5,0.5,1:0.3"}, {"over": "u=0.1"}, {"clip": "x=0.5"}):
+        with pytest.raises(ElvisError, match="expected no Fourier direction; elvis convert --extrude makes volume"):
+            integrate(dataset, "1", **cut)
 
 
 @pytest.mark.parametrize("mesh", [mixed_volume, lambda: grid(Shape.TRIANGLE, 2)])

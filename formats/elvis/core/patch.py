@@ -78,6 +78,12 @@ class Patch:
         return max(self.geometry.modes) == 2 and self.shape in (Shape.SEGMENT, Shape.TRIANGLE, Shape.TETRAHEDRON)
 
 
+def check_not_homogeneous(what: str, some: Sequence[Patch]) -> None:
+    """Raise ElvisError for patches with Fourier directions."""
+    if any(patch.homogeneous for patch in some):
+        raise ElvisError(f"{what}: expected no Fourier direction; elvis convert --extrude makes volume elements of it")
+
+
 def patches(
     dataset: Dataset, field_names: Sequence[str] = (), blocks: Sequence[GeometryBlock] | None = None
 ) -> tuple[Patch, ...]:

@@ -19,7 +19,7 @@ from elvis.core.integrals.reference_cells import Piece
 from elvis.core.integrals.separation import CellBoxes, separated
 from elvis.core.integrals.subcells import corners, subcell_map, without_apex
 from elvis.core.integrals.touching import touched
-from elvis.core.patch import Patch
+from elvis.core.patch import Patch, check_not_homogeneous
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.quantities.cleared import MOST_CLEARED, Cleared, cleared_on
 from elvis.core.quantities.element_points import ElementPoints, Lattice
@@ -132,6 +132,7 @@ class Level:
 
     def known(self, evaluator: Evaluator, ranks: Ranks, sides: Sides | None = None) -> Level:
         """The level with the sizes of polynomials in the elements of all ranks, and with surfaces that are sides."""
+        check_not_homogeneous(self.name, evaluator.patches)
         return replace(self, zeros=tuple(zero.known(evaluator, ranks, sides) for zero in self.zeros))
 
     def boxes(
@@ -348,8 +349,8 @@ class ZeroSet:
     def _cleared(self, piece: Piece, evaluator: Evaluator, is_valid: bool) -> Cleared:
         """Degree of the expression in each direction, and the power of det J that it is multiplied by."""
         patch = piece.patch
-        if patch.homogeneous is not None or patch.shape.dimension < 2:
-            raise ElvisError(f"{self.name}: expected 2D or 3D data without Fourier directions, to cut them")
+        if patch.shape.dimension < 2:
+            raise ElvisError(f"{self.name}: expected 2D or 3D data, to cut them")
         found = cleared_on(self.expression, evaluator, patch, bool(piece.is_affine.all()))
         if found is None:
             raise ElvisError(f"{self.name}: expected a polynomial of fields, their first derivatives and coordinates")

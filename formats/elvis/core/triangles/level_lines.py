@@ -10,6 +10,7 @@ import numpy as np
 from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
+from elvis.core.patch import check_not_homogeneous
 from elvis.core.triangles.level_cells import cell_blocks
 from elvis.core.triangles.surface_triangles import default_tolerance
 from elvis.core.triangles.triangulation import cells_within, march, prepared, remarks
@@ -67,8 +68,7 @@ def level_lines(
     """
     wanted = default_tolerance(dataset, tolerance)
     level, gradient, evaluator = prepared(dataset, curve, quantities, dimension=2)
-    if any(patch.homogeneous for patch in evaluator.patches):
-        raise ElvisError(f"{curve}: expected no Fourier direction; elvis convert --extrude makes volume elements of it")
+    check_not_homogeneous(curve, evaluator.patches)
     if not all(patch.is_flat for patch in evaluator.patches):
         raise ElvisError(f"{curve}: expected 2D data in the plane, found a surface in space")
     blocks = list(cell_blocks(evaluator, level))
