@@ -1,5 +1,8 @@
 """The picture in NumPy: what it says of pixels, and of what it can't draw."""
 
+import tracemalloc
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -14,6 +17,7 @@ from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, one_element, ripple
 from elvis.formats.reading import read
 from elvis.plugins.registry import load
+from elvis.reference import places
 from elvis.reference.picture import render
 from elvis.reference.places import owners
 
@@ -141,3 +145,25 @@ def test_statistics_of_a_frame():
 def test_the_box_is_that_of_the_domain():
     frame = render(linear(grid(Shape.HEXAHEDRON, 2)), Scene("u", OBLIQUE, size=(30, 20), box=True))
     np.testing.assert_allclose(frame.box, [[0, 0, 0], [1, 1, 1]], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=name_of)
+def test_last_steps_at_many_points_are_taken_in_parts(monkeypatch, shape):
+    """No place depends on the number of points together; memory beyond the points' own doesn't grow with them."""
+    dataset = linear(curved(grid(shape, 2), ripple(0.05), 3))
+    own = patches(dataset, ["u"])
+    points = np.random.default_rng(2).random((4000, 3))
+    points[:, shape.dimension :] = 0
+    found = owners(Locator(own), points)
+    found.reference[:] += 1e-9
+    places_found, peaks = [], []
+    for together in (1 << 12, 100):
+        again = replace(found, reference=found.reference.copy())
+        monkeypatch.setattr(places, "_AT_ONCE", together)
+        tracemalloc.start()
+        places.polish(own, again, points)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+        places_found.append(again.reference)
+    assert np.array_equal(*places_found, equal_nan=True)
+    assert peaks[1] < 0.3 * peaks[0]

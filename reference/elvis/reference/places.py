@@ -11,6 +11,7 @@ from elvis.core.arrays import Floats
 from elvis.core.mapping.inverse import Status as InverseStatus
 from elvis.core.mapping.locate import Location
 from elvis.core.mapping.margins import TOLERANCE
+from elvis.core.mapping.orientation import chunks
 from elvis.core.mapping.pointwise import positions_and_jacobians
 from elvis.core.mapping.tangents import duals
 from elvis.core.patch import Patch
@@ -57,6 +58,9 @@ def polish(patches: Sequence[Patch], found: Location, points: Floats) -> None:
         here = np.flatnonzero(found.patch == number)
         if isinstance(patch, HostPatch):
             continue
-        world, jacobians = positions_and_jacobians(patch, found.row[here], found.reference[here])
-        step = np.einsum("nci,nc->ni", duals(jacobians), points[here] - world)
-        found.reference[here] += np.where(np.abs(step) < 1e-6, step, 0.0)
+        # at some points together: the Jacobians of all take far more memory than the picture
+        for part in chunks(len(here), _AT_ONCE):
+            own = here[part]
+            world, jacobians = positions_and_jacobians(patch, found.row[own], found.reference[own])
+            step = np.einsum("nci,nc->ni", duals(jacobians), points[own] - world)
+            found.reference[own] += np.where(np.abs(step) < 1e-6, step, 0.0)
