@@ -513,3 +513,12 @@ def test_larger_differences_nearby_raise_the_bound(monkeypatch, value, bound):
     assert (best.value, best.bound) == (value, bound)
     unbounded = difference._Compared._or_near(own, extremum(1.0, np.inf), np.zeros((1, 3)))
     assert (unbounded.value, unbounded.bound) == (value, np.inf)
+
+
+def test_rounding_of_reference_coordinates_has_that_of_values_sums_and_products(monkeypatch):
+    """Sums of three products, on a surface in space: coordinates are 1.5 at most, and 1 is added."""
+    monkeypatch.setattr(compositions, "gamma", float)
+    inner = SimpleNamespace(affine=SimpleNamespace(matrix=np.ones((1, 3, 2))))
+    boxes = SimpleNamespace(places=np.full((1, 3, 2, 2), 0.5), others=np.zeros(1, int))
+    found = Composition._shift(SimpleNamespace(_inner=inner), boxes)
+    assert found.tolist() == [[(value_roundings((2, 2)) + 3 + 3) * 2.5] * 2]
