@@ -114,16 +114,11 @@ def eigenvalues(rng):
         yield found, known.slope_error[known.is_known, k]
 
 
-def core_boxes(rng, is_steady=False):
-    """Boxes whose gradients have a real eigenvalue and complex ones, and what velocity and gradient are there.
-
-    is_steady  whether gradients are the same all along the second direction
-    """
+def core_boxes(rng):
+    """Boxes whose gradients have a real eigenvalue and complex ones, and what velocity and gradient are there."""
     gradient = np.zeros((COUNT, 3, 3, 2, 2, 2))
     gradient[:, 1:, 1:] = np.reshape([[1.0, -2.0], [2.0, 1.5]], (2, 2, 1, 1, 1))
     gradient += 0.05 * rng.normal(size=gradient.shape)
-    if is_steady:
-        gradient[..., 1, :] = gradient[..., 0, :]
     above = rng.normal(size=(COUNT, 3, 2, 2, 2))
     return CoreBoxes.whole(np.arange(COUNT), above, gradient.reshape(COUNT, 9, 2, 2, 2), np.zeros(COUNT), True)
 
@@ -152,19 +147,11 @@ def graphs_of_eigenvalues(rng):
             yield away[graphs.is_known], graphs.errors[graphs.is_known]
 
 
-def slopes_of_graphs_of_eigenvalues(rng):
+def slopes_of_graphs_of_eigenvalues(rng, step=1e-4):
     """Their derivatives next to the corners, by differences."""
-    yield from slopes_of_graphs(core_boxes(rng), range(3))
-
-
-def slopes_of_graphs_of_steady_eigenvalues(rng):
-    """The eigenvalue, which is off by its error, times the derivatives of the velocity."""
-    yield from slopes_of_graphs(core_boxes(rng, is_steady=True), [1])
-
-
-def slopes_of_graphs(boxes, axes, step=1e-4):
+    boxes = core_boxes(rng)
     graphs = by_eigenvalue(boxes, None)
-    for corner, axis in product(product([step, 1 - step], repeat=3), axes):
+    for corner, axis in product(product([step, 1 - step], repeat=3), range(3)):
         ends = [np.array(corner) + way * step * np.eye(3)[axis] for way in (-1, 1)]
         off = [np.einsum("nai,ni->na", graphs.combining, parallel_at(boxes, place)) for place in ends]
         own = [values_of(graphs.nets, np.tile(place, (COUNT, 1))) for place in ends]
@@ -317,7 +304,6 @@ CLAIMS = [
     eigenvalues,
     graphs_of_eigenvalues,
     slopes_of_graphs_of_eigenvalues,
-    slopes_of_graphs_of_steady_eigenvalues,
     differences_of_nets,
     gradients_on_stretched_elements,
     gradients_on_elements_stretched_at_one_end,
@@ -329,7 +315,7 @@ CLAIMS = [
     valleys,
 ]
 #: the eigenvalue's bound 2 |D| / Q takes all factors of D as independent: wide, but of the right order
-WIDE = {slopes_of_graphs_of_eigenvalues: 0.05, slopes_of_graphs_of_steady_eigenvalues: 0.05}
+WIDE = {slopes_of_graphs_of_eigenvalues: 0.05}
 #: parabolas attain their bound
 WIDE[shares_of_parabolas] = 0.99
 
@@ -634,14 +620,17 @@ def test_rounding_of_products_in_core_boxes_is_that_of_magnitudes():
 
 
 @pytest.mark.parametrize(("error", "slope_error"), [(0.1, 0.0), (0.0, 0.1)])
-def test_slopes_of_graphs_are_off_by_errors_of_the_eigenvalue_and_of_its_slopes(monkeypatch, error, slope_error):
-    """The one times slopes of the velocity, the other times the velocity."""
+def test_graphs_are_off_by_errors_of_the_eigenvalue_and_of_its_slopes(monkeypatch, error, slope_error):
+    """The one times the velocity and its slopes, the other times the velocity, in slopes alone."""
     eigenvalue = Eigenvalue(np.ones(COUNT, bool), np.full(COUNT, error), np.full((COUNT, 3), slope_error))
     monkeypatch.setattr(core_graphs, "Eigenvalue", SimpleNamespace(of=lambda *_: eigenvalue))
-    boxes = core_boxes(np.random.default_rng(2))
+    boxes = replace(core_boxes(np.random.default_rng(2)), turned_error=np.full((COUNT, 3), 0.05))
     graphs = by_eigenvalue(boxes, None)
+    sizes = np.abs(boxes.above).max(axis=(2, 3, 4))
+    off = (0.05 + error * sizes)[..., None]
+    assert graphs.errors == pytest.approx((np.abs(graphs.combining) @ off)[..., 0], rel=1e-12)
     slopes = [np.abs(np.diff(boxes.above, axis=2 + k)).max(axis=(2, 3, 4)) for k in range(3)]
-    off = error * np.stack(slopes, axis=2) + slope_error * np.abs(boxes.above).max(axis=(2, 3, 4))[..., None]
+    off = error * np.stack(slopes, axis=2) + slope_error * sizes[..., None]
     assert graphs.slope_errors == pytest.approx(np.abs(graphs.combining) @ off, rel=1e-12)
 
 
