@@ -20,6 +20,7 @@ FOUND = {
     "skewed": 1,
     "net": 4,
     "accuracy": 3,
+    "room": 1,
     **dict.fromkeys(["spurious", "known", "owner", "status", "depth", "off", "doubt"], 1),
     "reference": 3,
     "normal": 3,
@@ -90,8 +91,16 @@ class Rays:
 
     def rows(self):
         alone = [self.perspective, self.level, self.misplaced, self.span, self.wider, self.error, self.depth]
-        columns = [self.camera, *alone, self.off, self.before, self.slope, self.wrong]
+        columns = [self.camera, *alone[:-1], *self.roots(), self.depth, self.off, self.before, self.slope, self.wrong]
         return rows_of(COUNT, columns)
+
+    def roots(self):
+        """How far fields are off in values and by rounding; places of roots, their slopes and their intervals."""
+        rng = np.random.default_rng(16)
+        self.of_field = rng.uniform(1e-3, 1e-2, (2, COUNT)) * rng.choice([0, 1], (2, COUNT))
+        self.place, self.steep = rng.uniform(0.2, 0.8, COUNT), rng.choice([0.0, 0.01, 5.0], COUNT)
+        self.interval = self.place + rng.uniform([[-0.2], [0.0]], [[0.0], [0.2]], (2, COUNT))
+        return [*self.of_field, self.place, self.steep, *self.interval]
 
     def jets(self, function, r):
         """Values and derivatives (n, 4) of a function at points (n, 3)."""
@@ -175,6 +184,15 @@ def test_fields_along_rays_are_polynomials_off_by_what_values_are(rays, found):
     assert coefficients == pytest.approx(moved, rel=1e-12, abs=0)
     assert of_values == pytest.approx(4 * rays.error, rel=1e-12, abs=0)
     assert rounding == pytest.approx(NET_SIZE * 7 * UNIT * np.abs(values).max(axis=1), rel=1e-9, abs=0)
+
+
+def test_isolated_roots_are_off_by_errors_over_slopes_and_others_by_their_interval(rays, found):
+    farthest = np.abs(rays.interval - rays.place).max(axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        moved = 2 * rays.of_field.sum(axis=0) / rays.steep + 1e-13
+    isolated = (rays.steep > 0) & (moved < farthest)
+    assert found["room"] == pytest.approx(np.where(isolated, moved, farthest), rel=1e-12, abs=0)
+    assert 10 < isolated.sum() < COUNT - 10
 
 
 def test_conditions_are_known_where_they_keep_their_sign(rays, found):
