@@ -39,15 +39,14 @@ def kernel(functions):
     return functions("iso_sift")
 
 
-@pytest.mark.parametrize("side", [-1, 1])
 @pytest.mark.parametrize(("part", "avoids"), [(0.9, False), (1.1, True)])
-@pytest.mark.parametrize("error", [0.0, 1e-3])
-def test_levels_are_avoided_beyond_all_terms_and_errors(kernel, fields, side, part, avoids, error):
-    """The first coefficient exceeds the others, their rounding and the errors of values, to either side."""
-    rounding = SUMMED * 2 * fields.rest if error == 0 else LEBESGUE * outside_of(fields, np.ones(COUNT)) * error
+def test_levels_are_avoided_beyond_all_terms_and_errors(kernel, fields, part, avoids):
+    """The first coefficient exceeds the others, their rounding or the errors of values, to either side."""
+    error, side = np.resize([0.0, 1e-3], COUNT), np.resize([-1, -1, 1, 1], COUNT)
+    rounding = np.where(error == 0, SUMMED * 2 * fields.rest, LEBESGUE * outside_of(fields, np.ones(COUNT)) * error)
     apart = side * (fields.rest + part * rounding)
     given = {"polynomials": fields.polynomials, "nodes": NODES, "transform": TO_CHEBYSHEV}
-    rows = np.column_stack([fields.centre, fields.half, np.full(COUNT, error), fields.middle - apart])
+    rows = np.column_stack([fields.centre, fields.half, error, fields.middle - apart])
     assert (kernel(rows, 1, **given)[:, 0] == avoids).all()
 
 
@@ -72,13 +71,12 @@ def boxes(functions, fields):
     return kernel, models, series, terms
 
 
-@pytest.mark.parametrize("side", [-1, 1])
 @pytest.mark.parametrize(("part", "is_avoided"), [(0.9, False), (1.1, True)])
-def test_levels_are_avoided_by_series_of_boxes_beyond_their_terms_and_errors(boxes, fields, side, part, is_avoided):
+def test_levels_are_avoided_by_series_of_boxes_beyond_their_terms_and_errors(boxes, fields, part, is_avoided):
     """One of rounding, the errors of values and those of series is the largest; series hold as far as boxes reach."""
     kernel, models, series, terms = boxes
     first, rest = terms[:, 0], np.abs(terms[:, 1:]).sum(axis=1)
-    kind = np.arange(COUNT) % 3
+    kind, side = np.arange(COUNT) % 3, np.repeat([-1, 1], COUNT // 2)
     models["error"], models["misfit"][:, 0] = 1e-3 * (kind == 1), 1e-3 * (kind == 2)
     errors = LEBESGUE * outside_of(fields, np.ones(COUNT)) * models["error"] + models["misfit"][:, 0]
     rounding = SUMMED * (rest + np.abs(first) + np.abs(first - side * rest))
