@@ -11,7 +11,7 @@ from elvis.core.mapping.locate import Locator
 from elvis.core.patch import patches
 from elvis.core.quantities.expression import Expression
 from elvis.core.shapes import Shape
-from elvis.core.streamlines import line_pieces
+from elvis.core.streamlines import line_pieces, marks
 from elvis.core.streamlines.entries import ALONG, ON_SIDE, taking_up
 from elvis.core.streamlines.line_pieces import Pieces, Steps, _curved, check_count, resting
 from elvis.core.streamlines.line_steps import Piece
@@ -126,3 +126,14 @@ def test_pieces_count_if_they_are_longer_than_rounding_of_their_places(part, is_
     points[0, 3, 2] = part * 1e-10 * 1000.0
     pieces = SimpleNamespace(points=points, part=lambda chosen: len(chosen))
     assert _with_length(pieces) == is_kept
+
+
+def test_marks_are_at_equal_lengths_or_times_of_lines_that_are_slower_at_one_end():
+    """Lengths of pieces are polynomials that grow; times grow in proportion to the parameter."""
+    wanted = np.linspace(-0.9, 0.9, 7)
+    length = np.tile([2.0, 1.0, 0.4, 0.2, 0, 0, 0, 0], (7, 1))
+    pieces, which = SimpleNamespace(length=length), np.arange(7)
+    reached = np.einsum("np,np->n", wanted[:, None] ** np.arange(8), length)
+    assert marks._places(pieces, which, None, reached, "length") == pytest.approx(wanted, abs=1e-9)
+    ends = np.tile([3.0, 5.0], (7, 1))
+    assert marks._places(pieces, which, ends, 4 + wanted, "time") == pytest.approx(wanted, abs=1e-12)
