@@ -6,6 +6,7 @@ import pytest
 from elvis.core.chebyshev_models.series import ROOM
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values
 from elvis.core.shapes import Shape
+from elvis.plugins.native import level_models
 from elvis.plugins.native.level_models import series_of
 
 #: boxes by their centre and half side, up to the corner of a cube that lies farthest from a simplex
@@ -40,3 +41,12 @@ def test_rounding_of_sums_counts_in_errors_of_series():
     for own in (0.0, 1e-13):
         found = BoxLeaves((), (), series, none, np.full((1, 3), own), none[:, None], 1.0, 6).value(0)
         assert found.remainder[0] == pytest.approx([own + 5.0 * sum_rounding(4)], rel=1e-9, abs=0)
+
+
+def test_the_mean_of_values_is_rounded_in_series(monkeypatch):
+    """Constants of either sign have nothing but their mean, which is added in the end."""
+    monkeypatch.setattr(level_models, "UNIT", 2.0**-11)
+    space = BernsteinSpace(Shape.HEXAHEDRON, (1, 1, 1))
+    found, off = series_of(space, np.repeat([[3.0], [-3.0]], 8, axis=1), 3, np.zeros(3), 0.5)
+    assert found[:, 0, 0, 0].tolist() == [3.0, -3.0]
+    assert off.tolist() == [2 * 3.0 * 2.0**-11] * 2
