@@ -11,7 +11,7 @@ from elvis.core.errors import FormatError
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
 from elvis.scene.palette import NOT_A_NUMBER, STEPS, Palette, automatic_range, is_constant, ticks
-from elvis.scene.picture import AXES, labels, notes, picture, sentences, shortest
+from elvis.scene.picture import AXES, labels, letters_of_axes, notes, picture, sentences, shortest
 
 FINITE = st.floats(-1e12, 1e12)
 
@@ -352,3 +352,14 @@ def test_whole_numbers_have_whole_ticks():
 def test_recovered_quantities_are_declared_under_any_title(draw, linear, settings, notes):
     frame = draw(linear(grid(Shape.QUADRILATERAL, 2)), field="recovered(u)", size=(30, 30), **settings)
     assert sentences(frame, contours=False) == notes
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 0.1, -0.1])
+def test_letters_of_arrows_that_coincide_are_beside_each_other(angle):
+    """Seen along a diagonal, x and y lie on one another; the letter z stays where it is."""
+    tips = 2.4 * np.array([[-np.cos(angle), np.sin(angle)], [-np.cos(angle), -np.sin(angle)], [0.0, 1.0]])
+    letters = letters_of_axes(tips)
+    assert np.linalg.norm(letters[0] - letters[1]) == pytest.approx(1.0)
+    assert letters[:2].mean(axis=0) == pytest.approx(1.32 * tips[:2].mean(axis=0))
+    assert (letters[1] - letters[0]) @ (tips[1] - tips[0]) >= 0.0
+    assert np.array_equal(letters[2], 1.32 * tips[2])

@@ -19,6 +19,7 @@ from elvis.scene.picture import (
     MAX_NOTE_LINES,
     emptiest_corner,
     labels,
+    letters_of_axes,
     mark_texts,
     sentences,
     typed_values,
@@ -178,8 +179,10 @@ class Panel:
         if not is_free:
             self._draw_disc(middle, side / 2)
         right, up, forward = self.frame.view.camera.basis()
+        tips = 2.4 * np.column_stack([right, up])
+        letters = letters_of_axes(tips)
         for axis in np.argsort(-forward):
-            along = 2.4 * self.unit * np.array([right[axis], up[axis]])
+            along = self.unit * tips[axis]
             if np.linalg.norm(along) < 0.3 * self.unit:
                 continue
             color = tuple(part / 255 for part in AXES[axis])
@@ -189,7 +192,7 @@ class Panel:
             places = {"xycoords": "axes fraction", "textcoords": "axes fraction"}
             start, tip = tuple(middle / size), tuple((middle + along) / size)
             self.axes.annotate("", tip, start, arrowprops=how, zorder=BOX, **places)
-            x, y = middle + 1.32 * along
+            x, y = middle + self.unit * letters[axis]
             self._text(x, y, "xyz"[axis], color=color, ha="center")
 
     def _draw_disc(self, middle: Floats, radius: float) -> None:

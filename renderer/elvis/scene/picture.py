@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Sequence, Set
+from itertools import combinations
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -362,19 +363,39 @@ def _axes(frame: Frame, page: Page, unit: int, font: Font) -> None:
         part.paste(in_bytes(frame.scene.backdrop), (x, y), _smaller(disc, side))
 
     right, up, forward = frame.view.camera.basis()
+    tips = 2.4 * np.column_stack([right, up])
+    letters = letters_of_axes(tips)
+    middle = np.array([x, y]) + 0.5 * side
     for axis in np.argsort(-forward):
-        _arrow(part, (x, y), axis, np.array([right[axis], -up[axis]]), unit, font)
+        down = unit * np.array([1.0, -1.0])
+        if _arrow(part, (x, y), axis, tips[axis] * down, unit):
+            place = tuple(middle + letters[axis] * down)
+            part.text(place, "xyz"[axis], fill=AXES[axis], font=font, anchor="mm")
 
 
-def _arrow(part: Part, corner: tuple[int, int], axis: int, direction: Floats, unit: int, font: Font) -> None:
-    """The arrow along one axis, from the middle of a square of 7 units that begins at a corner.
+def letters_of_axes(tips: Floats) -> Floats:
+    """(3, 2) places of the letters beyond the tips (3, 2) of arrows, in units of the page; they don't overlap."""
+    places = 1.32 * tips
+    for one, other in combinations(range(3), 2):
+        between = places[other] - places[one]
+        if np.linalg.norm(between) >= 1.0:
+            continue
+        middle = places[one] + between / 2
+        aside = np.array([-middle[1], middle[0]]) / (2.0 * np.linalg.norm(middle))
+        aside = aside if aside @ between >= 0.0 else -aside
+        places[one], places[other] = middle - aside, middle + aside
+    return places
 
-    direction  (2,) the unit vector of the axis on the screen, down; short ones are lines without head and letter
+
+def _arrow(part: Part, corner: tuple[int, int], axis: int, tip: Floats, unit: int) -> bool:
+    """The arrow along one axis, from the middle of a square of 7 units that begins at a corner; whether it has a head.
+
+    tip  (2,) from its start, in pixels, down; short ones are lines without head and letter
     """
     fine_unit = unit * _FINER
     size = 7 * fine_unit
     middle = np.array([0.5, 0.5]) * (size, size)
-    tip = middle + 2.4 * fine_unit * direction
+    tip = middle + _FINER * tip
     along = tip - middle
     length = float(np.linalg.norm(along))
     has_head = length > fine_unit // 3
@@ -387,9 +408,7 @@ def _arrow(part: Part, corner: tuple[int, int], axis: int, direction: Floats, un
         across = 0.4 * np.array([-head[1], head[0]])
         pen.polygon([*(tip + 0.4 * head), *(tip - head + across), *(tip - head - across)], fill=255)
     part.paste(AXES[axis], corner, _smaller(mask, 7 * unit))
-    if has_head:
-        x, y = corner + (middle + along * 1.32) / _FINER
-        part.text((x, y), "xyz"[axis], fill=AXES[axis], font=font, anchor="mm")
+    return has_head
 
 
 def _smaller(mask: Image.Image, side: int) -> Image.Image:
