@@ -52,7 +52,8 @@ def _contracted(
     The tables are a direction's values, and its derivatives where these are requested.
     """
     components = int(np.prod(coefficients.shape[1:-1]))
-    nets = coefficients.reshape(len(coefficients), components, expansion.modes[-1], -1)
+    slowest = expansion.modes[-1]
+    nets = coefficients.reshape(len(coefficients), components, slowest, coefficients.shape[-1] // slowest)
     for first in range(0, len(points), _TABULATED):
         own = rows[first : first + _TABULATED]
         is_shared = len(own) >= _SHARED * len(np.unique(own))
@@ -81,9 +82,11 @@ def _slowest_of_shared(nets: Floats, rows: Ints, table: Floats) -> Floats:
     found = np.empty((nets.shape[1], count * kinds, nets.shape[3]))
     flat = table.reshape(-1, width)
     starts = np.flatnonzero(np.diff(rows, prepend=-1)).tolist()
-    for first, end in zip(starts, [*starts[1:], count], strict=True):
-        own = slice(kinds * first, kinds * end)
-        np.matmul(flat[own], nets[rows[first]], out=found[:, own])
+    # infinite coefficients give values that are not numbers
+    with np.errstate(invalid="ignore"):
+        for first, end in zip(starts, [*starts[1:], count], strict=True):
+            own = slice(kinds * first, kinds * end)
+            np.matmul(flat[own], nets[rows[first]], out=found[:, own])
     return found.reshape(-1, count, kinds, nets.shape[3])
 
 
