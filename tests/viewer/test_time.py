@@ -7,7 +7,8 @@ import pytest
 from driving import PATIENCE, canvas_place, picture, settled
 from test_page import as_rendered
 
-from elvis import ElvisError
+from elvis import Copies, Dataset, ElvisError, Plane, Shape, write
+from elvis.core.testing import approximated, grid
 from elvis.plugins.data import Reading
 from elvis.plugins.series import following
 from elvis.plugins.testing.steps import polynomial, steps_of
@@ -108,3 +109,16 @@ def test_a_run_is_followed_until_another_time_is_requested(files, tmp_path, monk
     assert np.allclose(found["values"], wanted, rtol=0, atol=1e-12)
     with pytest.raises(ElvisError, match="waiting for files in"):
         Moments(Source((str(tmp_path / "none"),), None, Reading(), is_live=True))
+
+
+def test_ranges_over_steps_are_those_of_mirror_images(tmp_path):
+    """The other component of the velocity says that u changes its sign, although nobody asks for it."""
+    bare = Dataset(grid(Shape.QUADRILATERAL, 1))
+    fields = [approximated(bare, name, lambda p: 1.0 + p[:, 1], 2) for name in ("u", "v")]
+    files = [tmp_path / "flow.xml", *(tmp_path / f"flow_{step}.chk" for step in range(2))]
+    for step, path in enumerate(files[1:]):
+        write(Dataset(bare.mesh, tuple(fields), float(step)), None if step else files[0], path)
+    mirrored = Copies(mirror=(Plane((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)),))
+    shown = Moments(Source(tuple(map(str, files))))
+    for copies, low in ((None, 1.0), (mirrored, -2.0)):
+        assert shown.range_of("u", Scene("u", copies=copies)) == pytest.approx([low, 2.0], abs=1e-9)

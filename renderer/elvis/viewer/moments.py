@@ -133,4 +133,6 @@ class Moments:
         """Certified bounds of a quantity over all steps, and over the copies in a scene."""
         from elvis.renderer.series_range import range_over
 
-        return list(range_over(text, self._steps().narrowed(text), scene))
+        # a component on copies depends on those of its vector, so that no fields may be left out
+        series = self._steps() if scene.copies else self._steps().narrowed(text)
+        return list(range_over(text, series, scene))
