@@ -49,7 +49,7 @@ def hdf5(fill: Callable[[h5py.File], object], name: str) -> Files:
 
 
 def declared(file: h5py.File, name: str, shape: tuple[int, ...], kind: Any) -> None:
-    """An array of which nothing is stored."""
+    """An array without stored values."""
     chunks = (min(shape[0], 1024), *shape[1:])
     file.create_dataset(name, shape, kind, chunks=chunks, compression="gzip")
 
@@ -95,7 +95,7 @@ NODE = np.dtype([("location", "<f8", (3,)), ("valency", "<u2")])
 
 
 def pyfr_head(file: h5py.File) -> None:
-    """What a mesh of PyFR's has in addition to elements and nodes."""
+    """Groups of a PyFR mesh besides elements and nodes."""
     file["codec"], file["creator"] = np.array([b"eles/hex", b"bc/wall"], "S10"), np.bytes_("pyfr")
     file["mesh-uuid"], file["version"] = np.bytes_("0" * 36), 1
     file["eles/hex"].attrs["pts"] = 2 * CORNERS - 1
@@ -142,7 +142,7 @@ def horses(size: int) -> Files:
 
 
 def trixi_solution(mesh: str, kind: str, count: int, stored: int) -> Files:
-    """A solution of Trixi's with values of which some are stored."""
+    """A Trixi solution that stores only some of its values."""
 
     def fill(file: h5py.File) -> None:
         head = {"ndims": 2, "equations": "E", "polydeg": 1, "n_vars": 1, "n_elements": count, "mesh_type": kind}

@@ -263,7 +263,7 @@ DEFORMED = {
 
 @pytest.mark.parametrize("name", DEFORMED)
 def test_pictures_of_deformed_data_and_complex_fields(apart, name, tmp_path):
-    """Between elements of two ranks the displacement jumps."""
+    """The displacement jumps between elements, also between those of different ranks."""
     command, words, found = DEFORMED[name]
     for size in (1, 2):
         folder = tmp_path / str(size)

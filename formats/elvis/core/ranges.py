@@ -96,7 +96,7 @@ def _finite(blocks: Iterable[tuple[Expansion, Floats]]) -> Blocks:
 
 
 def _batches(fields: Sequence[Blocks]) -> Iterator[list[int]]:
-    """Numbers of fields of equal expansions, with no more elements than are examined closely, or of one field."""
+    """Batches of fields with equal expansions: one field, or several with few enough elements to bisect at once."""
     waiting: dict[tuple[Expansion, ...], list[int]] = {}
     filled: dict[tuple[Expansion, ...], int] = {}
     for number, blocks in enumerate(fields):
@@ -257,7 +257,7 @@ def _refine(stack: _Stack, sign: float, rivals: Ints, bounds: Floats, attained: 
 
 
 def _bisect(nets: Floats, owners: Ints, attained: Floats, bound: Floats, most: int, rounds: int) -> None:
-    """Halve boxes (n, …) of fields ``owners`` (n,), and drop those that can't hold the largest value of their field."""
+    """Bisect boxes (n, …) of fields ``owners`` (n,); drop those that can't contain the largest value of their field."""
     for number in range(rounds):
         np.maximum.at(attained, owners, corners(nets).max(axis=1))
         tops = nets.reshape(len(nets), -1).max(axis=1)
@@ -283,6 +283,6 @@ def _bisect(nets: Floats, owners: Ints, attained: Floats, bound: Floats, most: i
 
 
 def _middle(owners: Ints) -> int | None:
-    """A number in the middle of several fields, of which at least one is smaller; None for one field."""
+    """The median of the fields' numbers, which divides them in two; None for one field."""
     distinct = np.unique(owners)
     return int(distinct[len(distinct) // 2]) if len(distinct) > 1 else None

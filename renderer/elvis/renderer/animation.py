@@ -226,7 +226,7 @@ class Film:
 
 
 def _part(series: Series, moment: Moment) -> Portion | Dataset | None:
-    """What one of several ranks has of the data of a moment; None as of `_read`."""
+    """A rank's part of the data of a moment, or all of them; None as of `_read`."""
     is_damaged = moment.step is not None and bool(series.fault(moment.step))
     return None if is_damaged else series.part_at(moment)
 

@@ -366,8 +366,8 @@ def _axes(frame: Frame, page: Page, unit: int, font: Font) -> None:
     tips = 2.4 * np.column_stack([right, up])
     letters = letters_of_axes(tips)
     middle = np.array([x, y]) + 0.5 * side
+    down = unit * np.array([1.0, -1.0])
     for axis in np.argsort(-forward):
-        down = unit * np.array([1.0, -1.0])
         if _arrow(part, (x, y), axis, tips[axis] * down, unit):
             place = tuple(middle + letters[axis] * down)
             part.text(place, "xyz"[axis], fill=AXES[axis], font=font, anchor="mm")

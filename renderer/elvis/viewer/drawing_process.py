@@ -342,11 +342,16 @@ class _Drawing:
 
     def _series_range(self, _: int, text: str) -> list[float]:
         """Certified bounds of a quantity over all steps."""
+        frame, _ = self._last_picture()
+        return self._moments.range_of(text, frame.scene)
+
+    def _last_picture(self) -> tuple[Frame, int]:
+        """The last whole picture, and its number; ElvisError before the first."""
         from elvis.core.errors import ElvisError
 
         if self._whole is None:
             raise ElvisError("no picture has been drawn yet")
-        return self._moments.range_of(text, self._whole[0].scene)
+        return self._whole
 
     def _pick(self, _: int, content: Table) -> Table | None:
         """Value of the last complete picture at a column and row of its pixels.
@@ -356,9 +361,7 @@ class _Drawing:
         from elvis.core.errors import ElvisError
         from elvis.scene.frame import Status
 
-        if self._whole is None:
-            raise ElvisError("no picture has been drawn yet")
-        frame, own = self._whole
+        frame, own = self._last_picture()
         if content.get("number", own) != own:
             return None
         row, column = int(content["row"]), int(content["column"])
@@ -451,13 +454,11 @@ class _Drawing:
 
         content  ``level``: refinement of each element
         """
-        from elvis.core.errors import ElvisError
         from elvis.scene.time_limit import stopped_when
 
-        if self._whole is None:
-            raise ElvisError("no picture has been drawn yet")
+        frame, _ = self._last_picture()
         with stopped_when(lambda: self._newest.value > number):
-            image, simplices = self._linear_pictures.draw(self._whole[0], min(max(int(content["level"]), 0), MOST_CUTS))
+            image, simplices = self._linear_pictures.draw(frame, min(max(int(content["level"]), 0), MOST_CUTS))
         return {"file": b64encode(png(image)).decode(), "simplices": simplices}
 
     def _other(self, number: int, content: Table) -> Table | None:

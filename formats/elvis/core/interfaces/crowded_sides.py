@@ -1,4 +1,4 @@
-"""A quick look at the sides of broken meshes, each of which may lie on very many others."""
+"""Sides of broken meshes that overlap very many others, found by a quick comparison with their neighbours."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def _are_hopeless(sides: SideSet, own: Ints, boxes: Boxes, normals: Floats, faci
 
 
 def _are_facing(normals: Floats, others: Ints, facing: float | None) -> Bools:
-    """(m, k) whether the sides ``others`` (m,) among those of ``normals`` (k, 3) surely may coincide with these."""
+    """(m, k) whether the normals of sides ``others`` (m,) allow them to coincide with those of ``normals`` (k, 3)."""
     found = np.ones((len(others), len(normals)), bool)
     if facing is not None:
         found = normals[others] @ normals.T < facing - COSINE_ROUNDING

@@ -182,10 +182,7 @@ class Series(Sequence[Dataset]):
         return self.at_moment(Moment(time=time, between=between))
 
     def part_at(self, moment: Moment = LAST) -> Portion | Dataset:
-        """The part of the data of a moment that one of several ranks has, or all, if they don't come apart.
-
-        To be called by each rank.
-        """
+        """A rank's part of the data of a moment, or all of them if they can't be divided; every rank must call this."""
         dataset = self.at_moment(moment)
         if self._parts is None:
             return dataset
