@@ -461,8 +461,8 @@ def test_the_last_of_several_streams_counts(solvers, tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("FiniteElementSpace\n", "ComplexGridFunction\nFiniteElementSpace\n", "found a Complex"),
-        ("solution\n", "quadrature\n", "expected a mesh and a function, found 'quadrature'"),
+        ("FiniteElementSpace\n", "ComplexGridFunction\nFiniteElementSpace\n", "real and imaginary parts, found 119"),
+        ("solution\n", "parallel 1 0\n", "expected a mesh and a function, found 'parallel 1 0'"),
         ("FiniteElementCollection: H1_3D_P3", "FiniteElementCollection: H1_3D_P2", "expected .* numbers, found"),
         ("Ordering: 0", "", "expected the description of a space, found none that ends"),
     ],
@@ -483,6 +483,19 @@ def saved(folder, mesh, name, function):
     mesh.Print(str(folder / "m.mesh"), 17)
     function.Save(str(folder / name), 17)
     return [folder / "m.mesh", folder / name]
+
+
+def check_stream(word, paths):
+    """Check that a stream of a mesh and a function has the fields of their files, but for the names."""
+    stream = paths[0].parent / "case.saved"
+    stream.write_text(f"{word}\n" + "".join(path.read_text() for path in paths) + "keys RRj\n")
+    assert Mfem.opens([stream])
+    found, wanted = (convert(Mfem(of)).dataset.fields for of in ([stream], paths))
+    assert {field.name.rpartition("_")[0] for field in found} == {"solution"}
+    for mine, its in zip(found, wanted, strict=True):
+        assert mine.name.rpartition("_")[2] == its.name.rpartition("_")[2]
+        for one, other in zip(mine.blocks, its.blocks, strict=True):
+            assert np.array_equal(one.coefficients, other.coefficients)
 
 
 def test_complex_functions_are_two_fields(tmp_path):
@@ -506,6 +519,7 @@ def test_complex_functions_are_two_fields(tmp_path):
     for one, other in zip(dataset.fields[0].blocks, alone.fields[0].blocks, strict=True):
         assert np.array_equal(one.coefficients, other.coefficients)
     assert integrate(dataset, "wave_im")[0].value == pytest.approx(-2, rel=1e-12)
+    check_stream("solution", paths)
 
 
 @pytest.mark.parametrize(("kind", "order"), [("QUADRILATERAL", 3), ("TRIANGLE", 2), ("TRIANGLE", 5)])
@@ -528,6 +542,7 @@ def test_functions_at_quadrature_points(tmp_path, kind, order):
     assert integrate(dataset, first)[0].value == pytest.approx(1.5, rel=1e-12)
     found = sample(dataset, second, np.array(places))[second]
     assert np.allclose(found, values[1::2], rtol=0, atol=1e-12)
+    check_stream("quadrature", paths)
     (tmp_path / "m.q.qf").write_text((tmp_path / "m.q.qf").read_text().rsplit(maxsplit=1)[0])
     with pytest.raises(FormatError, match=r"m\.q\.qf: values: expected \d+ numbers, found"):
         Mfem(paths)

@@ -13,16 +13,15 @@ from hashlib import sha256
 from pathlib import Path
 
 from elvis.converters.mfem_files import COMPLEX, first_line, header_end, is_mesh, load
+from elvis.converters.mfem_quadrature import QUADRATURE
 from elvis.core.errors import FormatError
 
 #: first words of streams with functions and without; ``keys`` follow the numbers of some
-_STREAM = re.compile(r"(?:parallel +(\d+) +(\d+)\s+)?(solution|v?fem[23]d_gf_data(?:_keys)?|mesh)\s*")
-
-#: beginnings of streams with other content
-_REFUSED = (*COMPLEX, "QuadratureSpace")
+_STREAM = re.compile(r"(?:parallel +(\d+) +(\d+)\s+)?(solution|quadrature|v?fem[23]d_gf_data(?:_keys)?|mesh)\s*")
 
 _SHARED = re.compile(r"(?m)^(mfem_serial_mesh_end|communication_groups)\s*$")
-_SPACE = re.compile(r"(?m)^(FiniteElementSpace|MFEM FiniteElementSpace v1\.0)\s*$")
+_SPACES = rf"FiniteElementSpace|MFEM FiniteElementSpace v1\.0|{QUADRATURE}"
+_FUNCTION = re.compile(rf"(?m)^(?:(?:{'|'.join(COMPLEX)})\s+)?(?:{_SPACES})\s*$")
 _GROUP = re.compile(r"(?m)^\d+((?: \d+)+)\s*$")
 
 #: names of pieces; last line of meshes of some versions
@@ -63,7 +62,7 @@ def is_piece(path: Path) -> bool:
 def is_stream(path: Path) -> bool:
     """Whether a file begins as streams do."""
     line = first_line(path)
-    return re.fullmatch(r"parallel +\d+ +\d+|quadrature", line) is not None or _STREAM.fullmatch(line) is not None
+    return re.fullmatch(r"parallel +\d+ +\d+", line) is not None or _STREAM.fullmatch(line) is not None
 
 
 def pieces(paths: Sequence[Path]) -> list[Piece]:
@@ -89,21 +88,22 @@ def _piece(mesh: Path, functions: Sequence[Path]) -> Piece:
     source = Source(mesh, text[: shared.start()] + end if shared else text, shared is None)
     named: dict[str, Source] = {}
     for path in functions:
-        named |= _functions(_name(mesh, path), path, load(path))
+        named |= _functions(_name(mesh, path), Source(path, load(path), True))
     return Piece(source, named)
 
 
-def _functions(name: str, path: Path, text: str) -> dict[str, Source]:
-    """The function of a file by name; for a complex one, whose imaginary values follow the real ones, two functions."""
-    if not text.startswith(COMPLEX):
-        return {name: Source(path, text, True)}
-    own = text.partition("\n")[2].lstrip()
-    end = header_end(path, own)
-    words = own[end:].split()
+def _functions(name: str, source: Source) -> dict[str, Source]:
+    """The function of a text by name; for a complex one, whose imaginary values follow the real ones, two functions."""
+    path = source.named
+    if not source.text.startswith(COMPLEX):
+        return {name: source}
+    text = source.text.partition("\n")[2].lstrip()
+    end = header_end(path, text)
+    words = text[end:].split()
     if len(words) % 2:
         raise FormatError(f"expected the same number of real and imaginary parts, found {len(words)}", file=path)
     parts = {"re": words[: len(words) // 2], "im": words[len(words) // 2 :]}
-    head = own[:end]
+    head = text[:end]
     return {f"{name}_{part}": Source(path, f"{head}\n\n" + "\n".join(of) + "\n", False) for part, of in parts.items()}
 
 
@@ -174,17 +174,11 @@ def _read_streams(paths: Sequence[Path], streams: Sequence[Path]) -> Iterator[Pi
 
 def _of_stream(path: Path, text: str, has_function: bool) -> Piece:
     """A mesh and the function that follows, whose space is the last; then may come commands, which begin with words."""
-    _refuse(path, text)
-    spaces = list(_SPACE.finditer(text)) if has_function else []
+    spaces = list(_FUNCTION.finditer(text)) if has_function else []
     if not spaces:
         return Piece(Source(path, text, False), {})
     start = spaces[-1].start()
-    command = re.compile(r"(?m)^(?!nan|inf)[a-zA-Z]").search(text, header_end(path, text))
-    function = Source(path, text[start : command.start() if command else len(text)], False)
-    return Piece(Source(path, text[:start], False), {"solution": function})
-
-
-def _refuse(path: Path, text: str) -> None:
-    for word in _REFUSED:
-        if re.search(rf"(?m)^{word}\s*$", text):
-            raise FormatError(f"expected a real grid function, found a {word}", file=path)
+    function = text[start:]
+    command = re.compile(r"(?m)^(?!nan|inf)[a-zA-Z]").search(function, header_end(path, function))
+    own = Source(path, function[: command.start() if command else None], False)
+    return Piece(Source(path, text[:start], False), _functions("solution", own))
