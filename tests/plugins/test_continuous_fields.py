@@ -7,6 +7,7 @@ import pytest
 
 from elvis import Dataset, Shape, integrate, sample
 from elvis.core.errors import ElvisError
+from elvis.core.quantities.jumps import jumps
 from elvis.core.testing import approximated, grid
 from elvis.plugins.arrays import from_arrays
 from elvis.plugins.continuous_fields import continuous, continuous_fields
@@ -48,3 +49,16 @@ def test_smoothing_reduces_waves_by_the_factor_of_their_length(shape):
     found = sample(smooth, ["u"], points).values[:, 0]
     assert np.abs(found - 1 - np.cos(np.pi * points[:, 0]) / (1 + (0.6 / 2) ** 2)).max() < 1e-5
     assert integrate(smooth, "u").value == pytest.approx(integrate(replace(bare, fields=(wave,)), "u").value, rel=1e-12)
+
+
+def test_jumps_across_sides_with_hanging_nodes_belong_to_the_elements_of_both():
+    """A square -1 next to the half of one with 1 and two triangles, of which the second one, with 3, touches it."""
+    corner = np.array([(1, 0.5), (2, 0.5), (1, 1)])
+    squares = np.stack([SQUARE, SQUARE * (1, 0.5) + (1, 0)])
+    triangles = np.stack([(3, 1.5) - corner, corner])
+    rough = from_arrays(
+        {"triangle": triangles, "quadrilateral": squares},
+        u={"triangle": np.repeat([[2.5], [3.0]], 3, axis=1), "quadrilateral": np.repeat([[-1.0], [1.0]], 4, axis=1)},
+    )
+    jump = jumps(rough, "u")[1]
+    assert jump == pytest.approx([0.5, 4.0, 4.0, 2.0])
