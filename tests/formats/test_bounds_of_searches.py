@@ -6,14 +6,22 @@ import numpy as np
 import pytest
 
 from elvis.core.dataset import Dataset
+from elvis.core.integrals import cut_expansions
+from elvis.core.integrals.cut_expansions import Expansion
+from elvis.core.integrals.taylor import BENDS
+from elvis.core.mapping.boxes import ROUNDINGS
+from elvis.core.mapping.inverse import _Elements
 from elvis.core.mapping.margins import TOLERANCE
 from elvis.core.mapping.newton import Targets, newton
 from elvis.core.patch import patches
 from elvis.core.polynomials.chebyshev_nodes import series
 from elvis.core.quantities import Expression, bounding
+from elvis.core.ranges import Range
 from elvis.core.shapes import Shape
-from elvis.core.testing import grid
-from elvis.core.validity import enclosed_determinants, largest_scale
+from elvis.core.testing import curved, grid
+from elvis.core.validity import enclosed_determinants, largest_scale, regularity, validity
+from elvis.core.validity.descent import TOLERANCE as TIGHT
+from elvis.core.validity.validity import _SHAPES, _Facts
 
 #: unit roundoff of the model
 COARSE = 2.0**-11
@@ -95,3 +103,133 @@ def test_bounds_of_a_quantity_move_with_a_constant():
         assert found.upper >= constant + np.cos(1) * 1.0
         assert found.minimum - found.lower <= 2 * bounding._TOLERANCE * size
         assert found.upper - found.maximum <= 2 * bounding._TOLERANCE * size
+
+
+def test_cut_expansions_have_the_discs_of_whole_ones(monkeypatch):
+    """Majorants of polynomials without negative coefficients are attained; mirrored ones have the same radii."""
+    rng = np.random.default_rng(21)
+    count, columns = 12, 2
+    signs = (-1.0) ** np.add.outer(np.arange(4), np.arange(4))
+    coefficients = rng.uniform(0.2, 1.0, (count, 4, 4, 4))
+    bends = rng.uniform(0.2, 1.0, (count, len(BENDS)))
+    radii = tuple(rng.uniform(0.3, 0.8, (count, columns)) for _ in range(3))
+    slopes, factors = rng.uniform(0.2, 1.0, (2, count, 2))
+
+    def discs_of(sign, most):
+        """Of the polynomial, of a product and of a sum, and of their derivatives."""
+        monkeypatch.setattr(cut_expansions, "_ALL", most)
+        mirror = signs[:, :, None] if sign < 0 else 1.0
+        turned = bends * [sign ** (i + j) for i, j in BENDS]
+        own = Expansion.curved(mirror * coefficients, turned, radii[:2])
+        other = Expansion.curved(mirror * coefficients[::-1], turned, radii[:2])
+        product = own.multiplied(sign * slopes, radii[:2])
+        total = Expansion.combined(sign * factors, [own, other])
+        assert (own.omitted is None) == (most > 0)
+        return [
+            found
+            for each in (own, product, total)
+            for found in (each.disc(radii), *(each.slope(axis, radii) for axis in range(3)))
+        ]
+
+    whole = discs_of(1, 1 << 20)
+    for sign in (1, -1):
+        for (middle, radius), (wanted_middle, wanted) in zip(discs_of(sign, 0), whole, strict=True):
+            np.testing.assert_allclose(np.abs(middle), np.abs(wanted_middle), rtol=1e-12)
+            np.testing.assert_allclose(radius, wanted, rtol=1e-12)
+
+
+def unknown_facts(count, **numbers):
+    """Facts of squares about whose determinants nothing is known but some numbers."""
+    facts = _Facts.empty(count)
+    facts.element_ids[:], facts.shapes[:] = np.arange(count), _SHAPES.index(Shape.QUADRILATERAL)
+    facts.lower[:], facts.upper[:], facts.minimum[:], facts.maximum[:] = -np.inf, np.inf, np.inf, -np.inf
+    facts.error[:] = 0.1
+    for name, values in numbers.items():
+        getattr(facts, name)[:] = values
+    return facts
+
+
+def test_signs_are_open_where_bounds_and_values_differ_by_several_errors(monkeypatch):
+    """Unless the bound proves a positive sign or the value a negative one; then the largest value is bounded, too."""
+    cases = [(0.099, 0.6, True), (0.101, 0.6, False), (-1.0, -0.099, True), (-1.0, -0.101, False)]
+    cases += [(-0.2, 0.201, True), (-0.2, 0.199, False)]
+    # what equals its error proves nothing
+    cases += [(0.1, 0.6, True), (-1.0, -0.1, True), (-0.2, 0.2, False)]
+    lower, value, is_open = map(np.array, zip(*cases, strict=True))
+    nets = np.arange(9.0)[:, None, None] * np.ones((2, 2))
+    calls = []
+
+    def least(nets, error, goal=-np.inf):
+        calls.append((nets[:, 0, 0], goal))
+        number = np.abs(nets[:, 0, 0]).astype(int)
+        return SimpleNamespace(lower=lower[number], value=value[number], place=np.zeros((len(nets), 2)))
+
+    monkeypatch.setattr(validity, "least", least)
+    facts = unknown_facts(9)
+    facts.decide(np.arange(9), nets)
+    assert facts.is_open.tolist() == is_open.tolist()
+    assert facts.lower.tolist() == lower.tolist()
+    assert facts.minimum.tolist() == value.tolist()
+    assert calls[1][0].tolist() == [0, -2, -3, -4, -5, -6, -7, -8]
+    assert facts.upper[[0, 2, 3]].tolist() == [-0.099, 1.0, 1.0]
+    assert facts.maximum[[0, 2, 3]].tolist() == [-0.6, 0.099, 0.101]
+
+
+@pytest.mark.parametrize("value", [2.0, -2.0, 0.0])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_elements_whose_bound_undercuts_the_extremum_are_rivals(sign, value):
+    """By more than the tolerance of the extremum; that of further elements counts as well."""
+    goal = value - TIGHT * abs(value)
+    bounds = np.array([goal + 1e-12, goal - 2e-12, goal - 1.0, goal + 1.0])
+    values = np.array([value + 3.0, value, value + 5.0, value + 4.0])
+    numbers = {"lower": bounds, "minimum": values} if sign > 0 else {"upper": -bounds, "maximum": -values}
+    rows, found = unknown_facts(4, **numbers).rivals(sign)
+    assert rows.tolist() == [2, 1]
+    assert found == pytest.approx(goal, abs=1e-15)
+    for part, wanted in ((1e-3, [2, 1]), (-0.5, [2])):
+        ends = Range(-np.inf, np.inf, *((value + part, np.inf) if sign > 0 else (-np.inf, -(value + part))))
+        assert unknown_facts(4, **numbers).rivals(sign, ends)[0].tolist() == wanted
+
+
+def test_closer_looks_only_narrow_bounds(monkeypatch):
+    """Bounds found for x(1 - x) + y are replaced where they are tighter, on both sides."""
+    coefficients = np.array([[0.0, 1.0], [0.5, 1.5], [0.0, 1.0]])
+    block = SimpleNamespace(expansion=SimpleNamespace(shape=Shape.QUADRILATERAL), coefficients=None)
+    facts = unknown_facts(2, lower=[-5.0, 0.0], upper=[5.0, 1.25], minimum=[0.5, 0.5], maximum=[0.5, 0.5])
+    facts.is_open[:] = False
+
+    def nets_of(self, rows, blocks, space):
+        yield rows, block, np.repeat(coefficients[None], len(rows), axis=0), self.error[rows]
+
+    monkeypatch.setattr(_Facts, "_nets", nets_of)
+    monkeypatch.setattr(validity, "evaluate_at", lambda expansion, coefficients, rows, places: np.zeros((len(rows), 3)))
+    facts.look_closer([block], 2)
+    assert facts.lower == pytest.approx([0.0, 0.0], abs=1e-9)
+    assert facts.minimum == pytest.approx([0.0, 0.0], abs=1e-9)
+    assert facts.upper == pytest.approx([1.25, 1.25], abs=1e-9)
+    assert facts.maximum == pytest.approx([1.25, 1.25], abs=1e-9)
+
+
+@pytest.mark.parametrize("size", [1, 2, 3])
+def test_matrices_are_definite_beyond_the_rounding_of_their_largest_entries(size, monkeypatch):
+    """Symmetric parts with the smallest eigenvalue just above, or below, the rounding of products."""
+    monkeypatch.setattr(regularity, "ROUNDING", COARSE)
+    rng = np.random.default_rng(4)
+    turns = np.linalg.qr(rng.normal(size=(40, size, size)))[0]
+    for part, is_definite in ((0.99, False), (40.0, True)):
+        products = np.einsum("bik,k,bjk->bij", turns, [4.0] * (size - 1) + [0.0], turns)
+        largest = np.maximum(np.abs(products).max(axis=(1, 2)), 1.0)
+        products += (part * COARSE * largest)[:, None, None] * np.eye(size)
+        found = regularity._are_definite(np.tile(np.eye(size), (40, 1, 1)), products[..., None], np.zeros(40))
+        assert (found == is_definite).all()
+
+
+def test_rounding_of_elements_does_not_depend_on_the_side_of_the_origin():
+    """Elements of a thousandth at 1 and at -1."""
+    rounding = []
+    for sign in (1, -1):
+        mesh = curved(grid(Shape.TRIANGLE, 1), lambda p, side=sign: side * (1 + 1e-3 * p * [1, 1, 0]), 2)
+        patch = patches(Dataset(mesh))[0]
+        rounding.append(_Elements(patch, np.arange(len(patch)), 0.0).rounding)
+    assert rounding[0] == pytest.approx(rounding[1], rel=1e-2, abs=0.0)
+    assert (rounding[0] >= 0.9 * ROUNDINGS * np.finfo(float).eps).all()

@@ -163,6 +163,8 @@ SLANG_PATTERNS = [
     (r"(?<== )-(?=\w)|(?<=return )-(?=\w)", "sign", lambda m: ""),
     (r"\b\d+\.\d+(?:e-?\d+)?(?=lf\b)", "halve a factor", lambda m: repr(0.5 * float(m[0]))),
 ]
+#: what stands before the length of an array that is declared: a longer one is as good
+SLANG_DECLARED = re.compile(r"\b(?!return\b|else\b)[A-Za-z]\w* \w+\[$")
 SLANG_COMMENT = re.compile(r"//[^\n]*|/\*.*?\*/", re.S)
 
 
@@ -171,6 +173,8 @@ def slang_mutations(text: str) -> Iterator[Mutation]:
     code = SLANG_COMMENT.sub(lambda m: re.sub(r"[^\n]", " ", m[0]), text)
     for pattern, kind, new in SLANG_PATTERNS:
         for match in re.finditer(pattern, code):
+            if kind == "off by one" and SLANG_DECLARED.search(code, max(0, match.start() - 80), match.start()):
+                continue
             yield Mutation(kind, code.count("\n", 0, match.start()) + 1, match.start(), match[0], new(match))
     for match in re.finditer(r" [+-] ", code):
         end = term_end(code, match.end())

@@ -15,6 +15,7 @@ def bound(a, error):
 SLANG = """
 double bound(double a, double error) // a + b
 {
+    double values[4];
     return min(2.0lf * error + rounding(a, 1) - abs(a), values[0]);
 }
 """
