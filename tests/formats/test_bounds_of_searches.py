@@ -4,7 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
+from elvis.core.cores.matrix_ranges import Eigenvalue, MatrixRange
 from elvis.core.dataset import Dataset
 from elvis.core.integrals import cut_expansions
 from elvis.core.integrals.cut_expansions import Expansion
@@ -233,3 +235,47 @@ def test_rounding_of_elements_does_not_depend_on_the_side_of_the_origin():
         rounding.append(_Elements(patch, np.arange(len(patch)), 0.0).rounding)
     assert rounding[0] == pytest.approx(rounding[1], rel=1e-2, abs=0.0)
     assert (rounding[0] >= 0.9 * ROUNDINGS * np.finfo(float).eps).all()
+
+
+@pytest.mark.parametrize(("part", "is_known"), [(0.99, True), (1.01, False)])
+def test_eigenvalues_are_identified_while_the_trace_may_be_as_large(part, is_known):
+    """Entries 0 up to d and r on the diagonal: P is up to d + r, D up to d, and Q is in its own range."""
+    d = 0.05
+    middle = np.array([[[0.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]])
+
+    def matrices(r):
+        radius = np.zeros((1, 3, 3))
+        radius[0, [0, 1], [0, 1]] = d, r
+        return MatrixRange(middle, radius)
+
+    def excess(r):
+        minors, radius = matrices(r).sum_of_minors()
+        return 8 * (d + r) * d - (minors - radius)[0] ** 2
+
+    nothing = [MatrixRange(0 * middle, 0 * middle)] * 3
+    assert Eigenvalue.of(matrices(part * brentq(excess, 0.0, 0.65)), nothing).is_known[0] == is_known
+
+
+def test_eigenvectors_of_identified_eigenvalues_keep_the_sign_of_their_first_components():
+    """Products of those of left and right ones, at the corners of ranges; some are small, some negative."""
+    rng = np.random.default_rng(6)
+    count = 1500
+    right, left = rng.normal(size=(2, count, 3))
+    right[:, 0] *= 10.0 ** rng.uniform(-2, 0, count)
+    left[:, 0] *= 10.0 ** rng.uniform(-2, 0, count)
+    # bases whose inverses have a given first row: the others are normal to it
+    bases = np.stack([right, *np.moveaxis(np.linalg.svd(left[:, None])[2][:, 1:], 1, 0)], axis=2)
+    block = np.zeros((3, 3))
+    block[1:, 1:] = [[1.5, -2.0], [2.0, 1.5]]
+    middle = bases @ block @ np.linalg.inv(bases)
+    radius = 10.0 ** rng.uniform(-3, -1, (count, 1, 1)) * rng.choice([1e-3, 1.0], (count, 3, 3))
+    nothing = [MatrixRange(0 * middle, 0 * middle)] * 3
+    is_known = Eigenvalue.of(MatrixRange(middle, radius), nothing).is_known
+    corners = (middle + radius * rng.choice([-1.0, 1.0], (24, count, 3, 3)))[:, is_known]
+    values, vectors = np.linalg.eig(corners)
+    which = np.abs(values.imag).argmin(axis=-1)
+    first = np.take_along_axis(vectors[..., 0, :] * np.linalg.inv(vectors)[..., :, 0], which[..., None], -1)[..., 0]
+    signs = np.sign(first.real)
+    assert (signs == signs[0]).all()
+    assert 0.1 < (signs[0] > 0).mean() < 0.9
+    assert is_known.mean() > 0.1
