@@ -26,6 +26,9 @@ from elvis.core.mapping.newton import heights_rounding
 from elvis.core.patch import patches
 from elvis.core.polynomials.bernstein import BernsteinSpace
 from elvis.core.polynomials.boxnets import on_lattice
+from elvis.core.polynomials.evaluation import evaluate_with_gradients
+from elvis.core.polynomials.expansion import mode_count
+from elvis.core.polynomials.expansion import values as mode_values
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.polynomials.net_zeros import values_of
 from elvis.core.polynomials.rounding import halving_roundings, raising_roundings, value_roundings
@@ -298,6 +301,39 @@ def test_all_roundings_of_control_matrices_are_counted(monkeypatch, shape):
     away = 3 * np.abs(controls).max() * ((1 + COARSE) ** count - 1)
     assert (away <= error).all()
     assert (error <= 4 * away).all()
+
+
+def _lattice(dimension, count):
+    """(count^dimension, dimension) evenly spaced points."""
+    line = np.linspace(-1, 1, count)
+    return np.stack(np.meshgrid(*[line] * dimension, indexing="ij"), axis=-1).reshape(-1, dimension)
+
+
+@pytest.mark.parametrize("shape", [Shape.SEGMENT, Shape.QUADRILATERAL, Shape.HEXAHEDRON])
+def test_slopes_are_within_their_deviation(shape):
+    """Coefficients of order one, and modes 2 to 4 of the first direction alone, which reach the bound at a vertex."""
+    d = shape.dimension
+    expansion = modified(shape, (5, 4, 3)[:d])
+    coefficients = np.random.default_rng(d).normal(size=(COUNT + 3, d, mode_count(expansion)))
+    coefficients[COUNT:] = np.eye(5, mode_count(expansion))[2:, None]
+    slopes = evaluate_with_gradients(expansion, coefficients, _lattice(d, 9))[1]
+    net = coefficients.reshape(len(coefficients), d, *expansion.modes[::-1])
+    for direction in range(d):
+        means, bounds = regularity._slope(np.moveaxis(net, -1 - direction, 2))
+        away = np.abs(slopes[..., direction] - means[:, :, None]).max(axis=2)
+        assert (away <= bounds * (1 + 1e-12)).all()
+        assert direction or (away >= 0.999 * bounds)[COUNT:].all()
+
+
+@pytest.mark.parametrize("bend", [0.99, 1.01])
+@pytest.mark.parametrize("shape", [Shape.SEGMENT, Shape.QUADRILATERAL, Shape.HEXAHEDRON])
+def test_maps_are_nearly_affine_until_they_fold(shape, bend):
+    """The Jacobian is 1 + bend xi1, and its mean 1."""
+    expansion, nodes = modified(shape, (3,) * shape.dimension), _lattice(shape.dimension, 3)
+    places = nodes.copy()
+    places[:, 0] += bend * nodes[:, 0] ** 2 / 2
+    coefficients = np.linalg.solve(mode_values(expansion, nodes), places).T[None]
+    assert regularity._are_nearly_affine(expansion.modes, coefficients).tolist() == [bend < 1]
 
 
 @pytest.mark.parametrize("part", [0.99, 1.01])

@@ -137,7 +137,10 @@ def convert(source: Converter, settings: Settings | None = None, files: Sequence
     interfaces = with_interfaces(
         attempt.dataset, attempt.orders.plan.outline, source.precision, [attempt.orders.plan.mortars]
     )
-    dataset, invalid = interfaces.dataset, folded(interfaces.dataset)
+    dataset = interfaces.dataset
+    # a mesh of the source's own may have elements that it doesn't list
+    suspects = np.concatenate([np.empty(0, np.int64), *attempt.findings.doubtful]) if source.mesh is None else None
+    invalid = folded(dataset, suspects=suspects)
     attempt.findings.inverted.append(invalid.wrong)
     report = attempt.report([Path(file).name for file in files])
     report = replace(report, warnings=(*report.warnings, *interfaces.warnings, *invalid.sentences()))

@@ -67,45 +67,47 @@ class Folded:
             )
 
 
-def folded(dataset: Dataset, ranks: Ranks = ALONE) -> Folded:
+def folded(dataset: Dataset, ranks: Ranks = ALONE, suspects: Ints | None = None) -> Folded:
     """The elements of a dataset whose validity is not certain; for several ranks, of all parts.
+
+    suspects  ids of all elements that don't pass `are_unfolded`, where these are known
 
     If space has more dimensions than the elements, the determinant has no sign, and the result is empty.  Segments on a
     line may run either way.
     """
     wrong, undecided = np.empty(0, np.int64), np.empty(0, np.int64)
     if dataset.mesh.space == dataset.mesh.dimension:
-        wrong, undecided = _of_suspects(dataset)
+        wrong, undecided = _of_suspects(dataset, suspects)
     every = ranks.exchange((wrong, undecided), "elements that fold")
     return Folded.joined([Folded(*own) for own in every])
 
 
-def _suspects(dataset: Dataset) -> Iterator[tuple[Part, Ints]]:
-    """Parts of the map, and rows (n,) of elements that don't pass the quick test."""
-    for part in parts(dataset):
-        for rows in _doubtful(part):
-            if len(rows):
-                yield part, rows
+def are_unfolded(part: Part, rows: Ints, coefficients: Floats | None = None) -> Bools:
+    """(n,) whether elements ``rows`` (n,) of a part of the map pass the quick test; False proves nothing.
 
-
-def _doubtful(part: Part) -> Iterator[Ints]:
-    """Rows of elements that don't pass the quick test, some after another."""
+    coefficients  (n, 3, m) of these elements, where they are at hand
+    """
     is_simplex = part.expansion.shape in (Shape.TRIANGLE, Shape.TETRAHEDRON)
     if isinstance(part, Assembly) and part.is_straight and is_simplex:
-        is_positive = np.empty(len(part), bool)
-        for chunk in chunks(len(part), SIMPLICES):
-            corners = part.skeleton.vertices[part.vertices[part.rows[chunk]]]
-            is_positive[chunk] = _are_positive_simplices(corners)
-        yield np.flatnonzero(~is_positive)
-        return
-    for chunk in chunks(len(part), TOGETHER):
-        rows = np.arange(chunk.start, chunk.stop)
-        yield rows[~are_regular(part.expansion, _maps(part, rows))]
+        return _are_positive_simplices(part.skeleton.vertices[part.vertices[part.rows[rows]]])
+    own = part.take(rows) if coefficients is None else coefficients
+    return are_regular(part.expansion, _forward(part, own))
 
 
-def _maps(part: Part, rows: Ints) -> Floats:
-    """(n, 3, m) coefficients of elements; for segments that run backwards, coefficients of their mirror image."""
-    coefficients = part.take(rows)
+def _suspects(dataset: Dataset, known: Ints | None) -> Iterator[tuple[Part, Ints]]:
+    """Parts of the map, and rows (n,) of elements that don't pass the quick test, or that have ``known`` ids."""
+    for part in parts(dataset):
+        if known is not None:
+            yield part, np.flatnonzero(np.isin(part.element_ids, known))
+            continue
+        together = SIMPLICES if max(part.expansion.modes) == 2 else TOGETHER
+        for chunk in chunks(len(part), together):
+            rows = np.arange(chunk.start, chunk.stop)
+            yield part, rows[~are_unfolded(part, rows)]
+
+
+def _forward(part: Part, coefficients: Floats) -> Floats:
+    """Coefficients (n, 3, m) of elements; for segments that run backwards, coefficients of their mirror image."""
     if part.expansion.shape is not Shape.SEGMENT:
         return coefficients
     start, end = values(part.expansion, Shape.SEGMENT.vertices)
@@ -122,16 +124,18 @@ def _are_positive_simplices(corners: Floats) -> Bools:
         return np.asarray(np.linalg.det(edges) > ROUNDING * sizes)
 
 
-def _of_suspects(dataset: Dataset) -> tuple[Ints, Ints]:
-    """Ids of elements that are proved not to be positive, and of undecided ones."""
+def _of_suspects(dataset: Dataset, known: Ints | None) -> tuple[Ints, Ints]:
+    """Ids of elements that are proved not to be positive, and of undecided ones, among ``known`` suspects if given."""
     wrong, undecided = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
     left = PROVED_NUMBERS
-    for part, rows in _suspects(dataset):
+    for part, rows in _suspects(dataset, known):
+        if not len(rows):
+            continue
         size = (3 * max(part.expansion.modes)) ** part.expansion.shape.dimension
         count = min(len(rows), left // size)
         left -= count * size
         ids = part.element_ids
-        own = GeometryBlock(part.expansion, ids[rows[:count]], _maps(part, rows[:count]))
+        own = GeometryBlock(part.expansion, ids[rows[:count]], _forward(part, part.take(rows[:count])))
         found = validity(dataset, [own])
         wrong.append(found.element_ids[found.status == ValidityStatus.NOT_POSITIVE])
         is_nonnegative = found.lower >= -TOUCHING * found.error

@@ -16,6 +16,7 @@ from elvis.core.polynomials.evaluation import evaluate, evaluate_with_gradients
 from elvis.core.shapes import Shape
 from elvis.core.terminal import track
 from elvis.core.threads import results
+from elvis.core.validity.folded import are_unfolded
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.checking import check_points, inside_count
 from elvis.plugins.projection.fitting import FieldFit
@@ -135,6 +136,7 @@ class Findings:
     deviation    the largest distance as a share of its element's size, and the element's id
     exceeding    whether some distance is beyond what rounding explains
     inverted, degenerate   ids of elements with a negative Jacobian somewhere, with a vanishing one everywhere
+    doubtful     ids of elements that a quick test doesn't prove to be unfolded
     """
 
     coordinates: Tally
@@ -145,6 +147,7 @@ class Findings:
     exceeding: bool = False
     inverted: list[Ints] = field(default_factory=list)
     degenerate: list[Ints] = field(default_factory=list)
+    doubtful: list[Ints] = field(default_factory=list)
 
     @classmethod
     def none(cls, limits: Sequence[float]) -> Findings:
@@ -166,6 +169,7 @@ class Findings:
         self.exceeding |= other.exceeding
         self.inverted += other.inverted
         self.degenerate += other.degenerate
+        self.doubtful += other.doubtful
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,7 +233,7 @@ class _Check:
         """Compare the map on some elements, check their Jacobians; the weights (k, inside) of integrals over them."""
         block, places, inside = batch.block, batch.places, self.inside
         ids = block.ids[batch.rows]
-        ours, jacobians = self.maps.at(ids, points, inside)
+        ours, jacobians = self.maps.at(ids, points, inside, findings.doubtful)
         x, y, z = np.moveaxis(ours - places, 2, 0)
         distances = np.sqrt(x * x + y * y + z * z)
         # points first: NumPy then compares many elements at once
@@ -296,38 +300,46 @@ class Maps:
     def __init__(self, dataset: Dataset) -> None:
         self.blocks = parts(dataset)
         self.is_flat = dataset.mesh.space == dataset.mesh.dimension == 2
+        self.is_oriented = dataset.mesh.space == dataset.mesh.dimension
         ids = np.concatenate([block.element_ids for block in self.blocks])
         self._order = np.argsort(ids, kind="stable")
         self._ids = ids[self._order]
         self._block = np.repeat(np.arange(len(self.blocks)), [len(block) for block in self.blocks])
         self._row = np.concatenate([np.arange(len(block)) for block in self.blocks])
 
-    def at(self, ids: Ints, points: Floats, inside: int) -> tuple[Floats, Floats]:
-        """Positions (k, n, 3) of elements ``ids`` at reference points (n, d); Jacobians (k, inside) at the first."""
+    def at(
+        self, ids: Ints, points: Floats, inside: int, doubtful: list[Ints] | None = None
+    ) -> tuple[Floats, Floats]:
+        """Positions (k, n, 3) of elements ``ids`` at reference points (n, d); Jacobians (k, inside) at the first.
+
+        doubtful  receives ids of elements that a quick test doesn't prove to be unfolded
+        """
         places = np.empty((len(ids), len(points), 3))
         matrices = np.empty((len(ids), inside, 3, points.shape[1]))
-        for block, here, own in self._parts(ids):
+        for block, here, rows, own in self._parts(ids):
             places[here] = evaluate(block.expansion, own, points).transpose(0, 2, 1)
             gradients = evaluate_with_gradients(block.expansion, own, points[:inside])[1]
             matrices[here] = gradients.transpose(0, 2, 1, 3)
+            if doubtful is not None and self.is_oriented:
+                doubtful.append(ids[here][~are_unfolded(block, rows, own)])
         return places, self._determinants(matrices)
 
     def tangents(self, ids: Ints, points: Floats) -> tuple[Floats, Floats]:
         """Positions (k, n, 3) and Jacobian matrices (k, n, 3, d) of elements ``ids`` at reference points (n, d)."""
         places, matrices = np.empty((len(ids), len(points), 3)), np.empty((len(ids), len(points), 3, points.shape[1]))
-        for block, here, own in self._parts(ids):
+        for block, here, _, own in self._parts(ids):
             found, gradients = evaluate_with_gradients(block.expansion, own, points)
             places[here], matrices[here] = found.transpose(0, 2, 1), gradients.transpose(0, 2, 1, 3)
         return places, matrices
 
-    def _parts(self, ids: Ints) -> Iterator[tuple[Part, slice | Ints, Floats]]:
-        """Blocks, where in ``ids`` their elements are, and the coefficients of these."""
+    def _parts(self, ids: Ints) -> Iterator[tuple[Part, slice | Ints, Ints, Floats]]:
+        """Blocks, where in ``ids`` their elements are, their rows in the block, and their coefficients."""
         place = self._order[np.searchsorted(self._ids, ids)]
         which, rows = self._block[place], self._row[place]
         numbers = np.unique(which).tolist()
         for number in numbers:
             here = slice(None) if len(numbers) == 1 else np.flatnonzero(which == number)
-            yield self.blocks[number], here, self.blocks[number].take(rows[here])
+            yield self.blocks[number], here, rows[here], self.blocks[number].take(rows[here])
 
     def _determinants(self, matrices: Floats) -> Floats:
         """(k, n) of Jacobian matrices (k, n, 3, d); unsigned for curves and surfaces in space."""
