@@ -5,12 +5,14 @@ import json
 import os
 import subprocess
 import sys
+from functools import partial
 
 import numpy as np
 import pytest
 
 from elvis import ElvisError, read, write
 from elvis.core.portions import Portion
+from elvis.core.quantities.needed import needed_fields
 from elvis.core.shapes import Shape
 from elvis.core.testing.played_ranks import played
 from elvis.plugins import kept_conversions
@@ -50,6 +52,17 @@ class Cubes(Converter):
 
 class Secretive(Cubes):
     """The same under another name."""
+
+
+class Pairs(Cubes):
+    """The same with a second field, v = -u."""
+
+    def __init__(self, paths):
+        super().__init__(paths)
+        self.fields = [SourceField("u", 1), SourceField("v", 1)]
+
+    def sample(self, block, field, points):
+        return super().sample(block, field, points) * (1 if field.name == "u" else -1)
 
 
 @pytest.fixture
@@ -97,6 +110,24 @@ def parts(size, *paths, is_kept=True):
     before, work = Cubes.made, Work("cubes", Cubes, paths, {})
     found = played(size, lambda ranks: part_of_conversion(work, is_kept, ranks))
     return found, Cubes.made - before
+
+
+def test_the_first_conversion_has_the_requested_fields_and_the_second_all(home, case):
+    path = case(slope=3)
+
+    def converted(*texts):
+        before, choose = Cubes.made, partial(needed_fields, texts=texts) if texts else None
+        found = load_or_convert(Work("pairs", Pairs, (path,), {}, choose=choose))
+        return found, "".join(field.name for field in found.fields), Cubes.made - before
+
+    first, *names = converted("v")
+    assert names == ["v", 1]
+    assert converted("2*v^2")[1:] == ("v", 0)
+    # the empty text is the first field of the file, not of the cached data
+    assert converted("")[1:] == ("uv", 1)
+    assert converted("v")[1:] == converted()[1:] == ("uv", 0)
+    assert same(first.field("v"), converted()[0].field("v"))
+    assert same(first.mesh, converted()[0].mesh)
 
 
 @pytest.mark.parametrize("is_kept", [True, False], ids=["cached", "not cached"])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
@@ -57,6 +57,7 @@ class Settings:
     geometry   whether the full map travels as fields: always, never, or where the mesh file can't hold it
     pyramids   ``native`` projects onto the modified pyramid of Nektar++ whatever cannot be held by it
     fields     names of those to convert; None for all
+    choose     gives the names of those that are requested, of a dataset with the names of all; None for all
     """
 
     order: int | None = None
@@ -64,6 +65,7 @@ class Settings:
     geometry: GeometryChoice = "auto"
     pyramids: PyramidChoice = "exact"
     fields: tuple[str, ...] | None = None
+    choose: Callable[[Dataset], Collection[str]] | None = None
 
     def __post_init__(self) -> None:
         if self.order is not None and not 1 <= self.order <= HIGHEST:
@@ -86,6 +88,7 @@ class Conversion:
     blocks  how each element lies in the source's
     maps    the coordinates as fields, where the mesh file can't hold them
     fields  of the source, with the orders at which they were converted
+    names   of all fields that could be converted
     """
 
     dataset: Dataset
@@ -93,6 +96,12 @@ class Conversion:
     blocks: tuple[NativeBlock, ...]
     maps: tuple[FieldFit, ...] = ()
     fields: tuple[SourceField, ...] = ()
+    names: tuple[str, ...] = ()
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether all fields were converted."""
+        return len({field.name for field in self.fields}) == len(self.names)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +140,8 @@ def convert(source: Converter, settings: Settings | None = None, files: Sequence
     """
     settings = settings or Settings()
     try:
-        attempt = _best_attempt(source, settings)
+        fields = _choose_fields(source, settings.fields)
+        attempt = _best_attempt(source, fields, settings)
     except FormatError as error:
         raise error.within(", ".join(map(str, files))) from error
     interfaces = with_interfaces(
@@ -145,12 +155,16 @@ def convert(source: Converter, settings: Settings | None = None, files: Sequence
     report = attempt.report([Path(file).name for file in files])
     report = replace(report, warnings=(*report.warnings, *interfaces.warnings, *invalid.sentences()))
     dataset = replace(dataset, metadata={**dataset.metadata, **report.metadata()})
-    return Conversion(dataset, report, tuple(attempt.blocks), tuple(attempt.maps), attempt.orders.fields)
+    names = tuple(dict.fromkeys(field.name for field in fields))
+    return Conversion(dataset, report, tuple(attempt.blocks), tuple(attempt.maps), attempt.orders.fields, names)
 
 
-def _best_attempt(source: Converter, settings: Settings) -> _Attempt:
+def _best_attempt(source: Converter, fields: Sequence[SourceField], settings: Settings) -> _Attempt:
     """The data at orders that a few elements need, or that the elements with the largest errors need."""
-    orders = ChosenOrders.of(source, _choose_fields(source, settings.fields), settings.pyramids == "native")
+    orders = ChosenOrders.of(source, fields, settings.pyramids == "native")
+    if settings.choose is not None:
+        names = settings.choose(_without_values(source, orders.plan.mesh, fields))
+        orders = replace(orders, fields=tuple(field for field in orders.fields if field.name in names))
     raises_map = source.mesh is None and settings.geometry != "curves"
     if raises_map:
         orders = with_foreseen_map(orders)
@@ -162,6 +176,12 @@ def _best_attempt(source: Converter, settings: Settings) -> _Attempt:
     if settings.raises_fields:
         attempt = _attempt(with_better_fields(attempt.orders, attempt.findings.fields), settings, attempt)
     return attempt
+
+
+def _without_values(source: Converter, mesh: Mesh, fields: Sequence[SourceField]) -> Dataset:
+    """The dataset of a source with only the names of fields."""
+    named = tuple(Field(name, ()) for name in dict.fromkeys(field.name for field in fields))
+    return Dataset(mesh, named, source.time, dict(source.metadata), source.expansions, source.session)
 
 
 def convert_again(source: Converter, before: Conversion, quantities: Sequence[str] = ()) -> Dataset:

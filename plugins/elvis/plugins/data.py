@@ -379,7 +379,8 @@ def _work(paths: Sequence[Path], candidates: Sequence[Candidate], reading: Readi
     candidate = choose_converter(candidates, paths, options.pop("from", None))
     assert candidate.converter is not None
     keywords = with_defaults(candidate.converter, options)
-    return Work(candidate.name, candidate.converter, tuple(paths), keywords, fields)
+    choose = reading.choice() if names is None else None
+    return Work(candidate.name, candidate.converter, tuple(paths), keywords, fields, choose)
 
 
 def _stage_of(work: Work) -> AbstractContextManager[None]:

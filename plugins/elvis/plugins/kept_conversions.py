@@ -3,13 +3,16 @@
 The cache contains the native files that `elvis convert --format hdf5` would write, which are read and written faster
 than packed ones, and results always come from these files: so a picture is the same whether the data were converted
 now, earlier, or by hand.  Long files are separate files of the cache, which are mapped without a copy.
+
+The first conversion for certain quantities only has their fields.  If other fields are requested afterwards, all are
+converted.
 """
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from hashlib import file_digest, sha256
@@ -20,7 +23,7 @@ from shutil import copyfile
 from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO
 
-from elvis.core.dataset import Dataset
+from elvis.core.dataset import Dataset, Field
 from elvis.core.errors import ElvisError
 from elvis.core.files.keeping import Store, cache_folder
 from elvis.core.memory import release_free_memory
@@ -42,6 +45,8 @@ _PACKAGES = ("elvis.core", "elvis.formats", "elvis.plugins")
 _PART = 1 << 20
 #: the native files by the name under which they are stored
 _MESH, _LENGTH = "converted.xml", 8
+#: what distinguishes the key of a conversion of some fields
+_SOME_FIELDS = b"some fields"
 #: bytes of files from which on they are mapped
 _MAPPED = 1 << 26
 
@@ -51,6 +56,7 @@ class Work:
     """Inputs of a conversion: a converter, its files, the keywords of its constructor, and names of fields.
 
     fields  to convert, None for all
+    choose  gives the names of those fields of a dataset that are requested, None for all
     """
 
     name: str
@@ -58,6 +64,7 @@ class Work:
     paths: tuple[Path, ...]
     keywords: Mapping[str, Any]
     fields: tuple[str, ...] | None = None
+    choose: Callable[[Dataset], Collection[str]] | None = None
 
 
 @dataclass(frozen=True)
@@ -68,12 +75,16 @@ class _Result:
     keys    of the metadata, in their order
     further_files  digests of further files that were read, by paths relative to the folder of the first given file
     remarks  on the errors, and on skipped contents
+    names   of all fields that could be converted, in the source's order
+    is_whole  whether all of these were
     """
 
     files: Sequence[Path]
     keys: Sequence[str]
     further_files: Mapping[str, str]
     remarks: Sequence[str]
+    names: Sequence[str]
+    is_whole: bool
 
     @property
     def size(self) -> int:
@@ -93,6 +104,8 @@ class _Result:
             "keys": list(self.keys),
             "further_files": dict(self.further_files),
             "remarks": list(self.remarks),
+            "names": list(self.names),
+            "is_whole": self.is_whole,
         }
         head = json.dumps(about).encode()
         store.write(key, len(head).to_bytes(_LENGTH, "little"), head, *short)
@@ -117,12 +130,15 @@ class _Head:
     keys: Sequence[str]
     further_files: Mapping[str, str]
     remarks: Sequence[str]
+    names: Sequence[str]
+    is_whole: bool
 
     @classmethod
     def read(cls, file: BinaryIO) -> _Head:
         """The head of packed content, and the file at the first of its files."""
         head = json.loads(file.read(int.from_bytes(file.read(_LENGTH), "little")))
-        return cls(head["files"], head["beside"], head["keys"], head["further_files"], head["remarks"])
+        listed = (head[name] for name in ("keys", "further_files", "remarks", "names", "is_whole"))
+        return cls(head["files"], head["beside"], *listed)
 
     def unpacked(self, file: BinaryIO, folder: Path, long: Mapping[str, Path]) -> _Result:
         """The result with its short files in a folder, and with links there to the long ones."""
@@ -141,7 +157,7 @@ class _Head:
                 # not every system allows links
                 copyfile(target, path)
             paths.append(path)
-        return _Result(paths, self.keys, self.further_files, self.remarks)
+        return _Result(paths, self.keys, self.further_files, self.remarks, self.names, self.is_whole)
 
 
 def load_or_convert(work: Work, is_kept: bool = True) -> Dataset:
@@ -157,13 +173,17 @@ def load_or_convert(work: Work, is_kept: bool = True) -> Dataset:
     store, remarks = Store(folder, "conversion", MOST_BYTES), list[str]()
     before = _digests(work.paths)
     key = None if before is None else _key(work, before)
-    found = None if key is None else _find(store, key, work.paths, remarks)
+    # of conversions of all fields, and of some
+    keys = () if key is None else (key, sha256(key + _SOME_FIELDS).digest())
+    found = _find_any(store, keys, work, remarks)
     if found is not None:
         return replace(found, remarks=(*found.remarks, *remarks))
+    if any(store.place(each).exists() for each in keys):
+        work = replace(work, choose=None)
 
     def keep(result: _Result) -> None:
-        if key is not None and _digests(work.paths) == before:
-            _keep(store, key, result, remarks)
+        if keys and _digests(work.paths) == before:
+            _keep(store, keys[0 if result.is_whole else 1], result, remarks)
 
     dataset = _convert(work, keep)
     return replace(dataset, remarks=(*dataset.remarks, *remarks))
@@ -209,12 +229,21 @@ def _written(work: Work, is_kept: bool, folder: Path) -> _Written | None:
     return _Written(paths, tuple(dataset.metadata), dataset.remarks)
 
 
-def _find(store: Store, key: bytes, paths: Sequence[Path], remarks: list[str]) -> Dataset | None:
-    """The cached dataset, if it is valid and none of its inputs has changed."""
+def _find_any(store: Store, keys: Sequence[bytes], work: Work, remarks: list[str]) -> Dataset | None:
+    """The first cached dataset of several keys that `_find` finds."""
+    for key in keys:
+        dataset = _find(store, key, work, remarks)
+        if dataset is not None:
+            return dataset
+    return None
+
+
+def _find(store: Store, key: bytes, work: Work, remarks: list[str]) -> Dataset | None:
+    """The cached dataset, if it is valid, none of its inputs has changed, and it has the requested fields."""
     path, dataset = store.place(key), None
     try:
         with store.opened(path) as entry:
-            dataset = _unpacked(entry[1], store, key, paths[0].parent) if entry and entry[0] == key else None
+            dataset = _unpacked(entry[1], store, key, work) if entry and entry[0] == key else None
     except _DamagedError:
         entry = None
     except OSError:
@@ -232,9 +261,10 @@ class _DamagedError(Exception):
     """A file of a cached conversion isn't as it was written."""
 
 
-def _unpacked(file: BinaryIO, store: Store, key: bytes, source: Path) -> Dataset | None:
-    """The dataset in the packed content of a file; None if further files, relative to a folder, have changed."""
+def _unpacked(file: BinaryIO, store: Store, key: bytes, work: Work) -> Dataset | None:
+    """The dataset in the packed content of a file; None if further files have changed, or it lacks requested fields."""
     head = _Head.read(file)
+    source = work.paths[0].parent
     if _digests([source / name for name in head.further_files]) != list(head.further_files.values()):
         return None
     long = {}
@@ -247,13 +277,22 @@ def _unpacked(file: BinaryIO, store: Store, key: bytes, source: Path) -> Dataset
         dataset = head.unpacked(file, Path(folder), long).dataset()
     for path in long.values():
         store.note_use(path)
-    return dataset
+    return dataset if head.is_whole or _has_requested(dataset, head.names, work) else None
+
+
+def _has_requested(dataset: Dataset, names: Sequence[str], work: Work) -> bool:
+    """Whether a dataset with some of the fields ``names`` has all that are requested."""
+    if work.choose is None:
+        return False
+    every = tuple(Field(name, ()) for name in names)
+    requested = work.choose(replace(dataset, fields=every))
+    return {*dataset}.issuperset(requested)
 
 
 def _convert(work: Work, keep: Callable[[_Result], None] | None = None) -> Dataset:
     """The dataset of a conversion; ``keep`` receives it with its native files if they can be cached."""
     source = work.converter(work.paths, **work.keywords)
-    settings = Settings(fields=work.fields)
+    settings = Settings(fields=work.fields, choose=work.choose)
     conversion: Conversion | None = convert(source, settings, work.paths)
     assert conversion is not None
     remarks, keys = conversion.report.remarks(), list(conversion.dataset.metadata)
@@ -261,7 +300,7 @@ def _convert(work: Work, keep: Callable[[_Result], None] | None = None) -> Datas
         with TemporaryDirectory(prefix="elvis-") as folder:
             written = _write(conversion.dataset, Path(folder, _MESH))
             further_files = _further_files(source, work.paths)
-            result = _Result(written, keys, further_files or {}, remarks)
+            result = _Result(written, keys, further_files or {}, remarks, conversion.names, conversion.is_whole)
             # their arrays take more memory than those that are read
             del source
             conversion = None
