@@ -1,12 +1,18 @@
 """Boxes hold their elements; the hierarchy finds what a search through all boxes finds."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from elvis.core.dataset import Dataset
+from elvis.core.geometry import parts
 from elvis.core.mapping.boxes import BoxTree, element_boxes
 from elvis.core.mapping.pointwise import positions
+from elvis.core.mapping.wide_boxes import vertex_boxes, wide_boxes
+from elvis.core.mesh import Curves
 from elvis.core.patch import patches
+from elvis.core.polynomials.bernstein import bernstein_coefficients
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, mixed_volume, one_element, ripple
@@ -34,6 +40,27 @@ def test_boxes_contain_their_elements(shape, n):
     (box,) = element_boxes(patch).astype(float)
     assert (world >= box[:3]).all()
     assert (world <= box[3:]).all()
+
+
+@pytest.mark.parametrize("size", [0.02, 0.4])
+def test_wide_boxes_hold_the_exact_ones(size):
+    """Half of the faces are only curved by their edges; widths of mildly curved elements are small."""
+    mesh = curved(grid(Shape.HEXAHEDRON, 2), ripple(size), 5)
+    curves, half = mesh.face_curves, len(mesh.face_curves) // 2
+    first = Curves(curves.rows[:half], curves.kinds[:half], curves.offsets[: half + 1], curves.points[: 25 * half])
+    mesh = replace(mesh, face_curves=first)
+    (part,) = parts(Dataset(mesh))
+    rows = np.arange(len(part))[::-1]
+    inner = vertex_boxes(part, rows)
+    wide = wide_boxes(part, rows, inner)
+    (patch,) = patches(Dataset(mesh))
+    net = bernstein_coefficients(patch.geometry, patch.geometry_coefficients)[rows]
+    assert (wide[:, :3] <= net.min(axis=2)).all()
+    assert (wide[:, 3:] >= net.max(axis=2)).all()
+    assert (inner[:, :3] >= net.min(axis=2)).all()
+    assert (inner[:, 3:] <= net.max(axis=2)).all()
+    # less than the size of an element where that is mildly curved
+    assert (wide[:, 3:] - inner[:, 3:]).max() < 20 * size
 
 
 @pytest.mark.parametrize("shape", list(Shape))

@@ -9,11 +9,14 @@ from elvis.core.shapes import Shape
 from elvis.core.testing.bending import curved, ripple
 from elvis.core.testing.fields import with_field
 from elvis.core.testing.meshes import grid
-from elvis.renderer import near_cuts
+from elvis.renderer import near_boxes, near_cuts, relevance
 from elvis.renderer.near_cuts import NearCuts
+from elvis.renderer.relevance import Relevance
 from elvis.renderer.rendering import Pictures
 from elvis.scene import CutSurface, Faces, Isosurface, Plane, Scene, Sphere
 
+#: gives exact boxes
+WHOLE = near_boxes._exact
 PLANE = Plane((0.5, 0.45, 0.52), (0.3, 0.2, 1.0))
 
 
@@ -51,6 +54,21 @@ def test_pictures_are_those_of_all_elements(bent, scene, monkeypatch):
     assert np.array_equal(found.image, whole.image)
     assert np.array_equal(found.element, whole.element)
     assert found.stats["elements"] == whole.stats["elements"]
+
+
+@pytest.mark.parametrize("shape", [Shape.HEXAHEDRON, Shape.PRISM])
+@pytest.mark.parametrize("camera", ["fit", "iso"])
+def test_wide_boxes_choose_the_elements_of_exact_ones(shape, camera, monkeypatch):
+    """The ends of the domain, along the axes and as the camera sees it, and the elements near the surfaces."""
+    mesh = curved(grid(shape, 8 if shape is Shape.HEXAHEDRON else 4), ripple(0.01), 4)
+    data = with_field(mesh, lambda points: points.sum(1), 1)
+    scene = Scene(field="u", objects=(CutSurface(PLANE), CutSurface(Sphere((0.2, 0.2, 0.3), 0.2))), camera=camera)
+    exact = []
+    monkeypatch.setattr(near_boxes, "_exact", lambda part, rows: exact.append(len(rows)) or WHOLE(part, rows))
+    found = Relevance(data, scene).ids()
+    assert (sum(exact) < 0.9 * mesh.count) == (shape is Shape.HEXAHEDRON)
+    monkeypatch.setattr(relevance, "near_boxes", lambda part, rows, axes, may_meet: WHOLE(part, rows))
+    assert found.tolist() == Relevance(data, scene).ids().tolist()
 
 
 def test_another_cut_loads_all_elements_once(bent, large):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from elvis.renderer.relevance import meets
+from elvis.renderer.near_boxes import meets
 from elvis.scene import Cone
 
 

@@ -29,8 +29,9 @@ from elvis.formats.nektar.dataset_parts import DatasetParts
 from elvis.formats.nektar.mapped_files import mapped
 from elvis.plugins.data import Reading, open_data, open_parts
 from elvis.plugins.opening import PluginData
+from elvis.renderer.near_boxes import meets
 from elvis.renderer.parts import beside, drawable, is_local, whole_scene
-from elvis.renderer.relevance import Looked, Relevance, has_volumes, meets
+from elvis.renderer.relevance import Looked, Relevance, has_volumes
 from elvis.scene import CutSurface, Implicit, Scene
 from elvis.scene.errors import SceneError
 

@@ -19,8 +19,8 @@ from elvis.renderer.parts import beside, drawable, is_local, whole_scene
 from elvis.renderer.relevance import Relevance
 from elvis.scene import Scene
 
-#: bytes of coefficients from which on data are large
-LARGE = 1 << 27
+#: bytes of the coefficients of a field from which on data are large
+LARGE = 1 << 25
 #: part of all elements beyond which all are loaded
 _MOST = 0.75
 
@@ -59,7 +59,8 @@ class NearCuts:
 
 def _is_large(dataset: Dataset) -> bool:
     """Whether loading all of a dataset takes seconds."""
-    return sum(block.coefficients.nbytes for own in dataset.fields for block in own.blocks) >= LARGE
+    sizes = (sum(block.coefficients.nbytes for block in own.blocks) for own in dataset.fields)
+    return max(sizes, default=0) >= LARGE
 
 
 def _few(dataset: Dataset, relevance: Relevance) -> Dataset | None:

@@ -14,11 +14,12 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core import geometry
+from elvis.core.arrays import Bools, Floats, Ints, rows_of
 from elvis.core.dataset import Dataset
 from elvis.core.distances.boundaries import ALL
 from elvis.core.errors import ElvisError
-from elvis.core.mapping.boxes import Boxes, BoxTree
+from elvis.core.mapping.boxes import Boxes, element_boxes
 from elvis.core.mapping.orientation import chunks
 from elvis.core.patch import Patch, patches
 from elvis.core.picturing import Kind
@@ -29,31 +30,22 @@ from elvis.plugins.faces import faces_of
 from elvis.plugins.native.buffers import by_affinity, placed
 from elvis.plugins.serving import volume_of
 from elvis.plugins.volume import Part, Quantity, Volume
-from elvis.renderer.passes.solids.hits import triangles
+from elvis.renderer.near_boxes import meets, near_boxes, without_maps
 from elvis.renderer.traversal import ROUNDING
 from elvis.scene import (
-    Cone,
     CutSurface,
-    Cylinder,
     Faces,
     Glyphs,
     Implicit,
     Isosurface,
-    Plane,
     Scene,
-    Sphere,
     Streamlines,
-    TriangleMesh,
-    Vector,
     VolumeRendering,
-    unit,
 )
 from elvis.scene.fitting import faced_plane, is_given
 from elvis.scene.quantities import quantities
 from elvis.scene.view import named_camera
 
-#: part of the largest coordinate by which surfaces may be off
-_SLACK = 1e-9
 #: number of elements that are processed together if there are many
 _AT_ONCE = 1 << 16
 #: times the rounding of a Jacobian up to which it may be none at all
@@ -118,7 +110,8 @@ class Relevance:
     @cached_property
     def _volume(self) -> Volume:
         if self.is_by_boxes:
-            return placed(self.dataset, self._patches, Expression.of(self.dataset, self.texts[0]))
+            boxes_of = element_boxes if self._has_derivatives else self._near_boxes
+            return placed(self.dataset, self._patches, Expression.of(self.dataset, self.texts[0]), boxes_of)
         return volume_of(self.dataset, self.texts)
 
     def ids(self) -> Ints:
@@ -188,14 +181,43 @@ class Relevance:
     def _first_ones(self) -> Iterator[Ints]:
         """The first element of each kind: kinds make the parts of a volume, and their order."""
         yield from (patch.element_ids[:1] for patch in self._patches)
-        if any(Expression.of(self.dataset, text).order for text in self.texts):
+        if self._has_derivatives:
             yield from (patch.element_ids[:1] for sort in by_affinity(self._patches) for patch in sort)
+
+    @property
+    def _has_derivatives(self) -> bool:
+        """Whether a quantity has derivatives: then affine maps make kinds of elements of their own."""
+        return any(Expression.of(self.dataset, text).order for text in self.texts)
 
     @cached_property
     def _patches(self) -> tuple[Patch, ...]:
-        """The elements with the fields of all quantities; the fields of the first quantity come first."""
+        """The elements with the fields of all quantities; the fields of the first quantity come first.
+
+        They have no maps unless these count.
+        """
         every = (name for text in self.texts for name in Expression.of(self.dataset, text).fields)
-        return patches(self.dataset, tuple(dict.fromkeys(every)))
+        blocks = None if self._has_derivatives else [without_maps(part) for part in self._parts]
+        return patches(self.dataset, tuple(dict.fromkeys(every)), blocks)
+
+    @cached_property
+    def _parts(self) -> tuple[geometry.Part, ...]:
+        """The maps of elements, which are put together on demand."""
+        return geometry.parts(self.dataset)
+
+    def _near_boxes(self, patch: Patch) -> Boxes:
+        """(n, 6) boxes of a patch's elements, exact for those that may count."""
+        axes = np.eye(3) if self._axes is None else np.concatenate([np.eye(3), self._axes], axis=1)
+        boxes = np.empty((len(patch), 6), np.float32)
+        for part in self._parts:
+            rows = np.flatnonzero(np.isin(part.element_ids, patch.element_ids))
+            places = rows_of(patch.element_ids, part.element_ids[rows])
+            boxes[places] = near_boxes(part, rows, axes, self._may_be_cut)
+        return boxes
+
+    def _may_be_cut(self, boxes: Boxes) -> Bools:
+        """(n,) which of boxes (n, 6) a cut by a given surface may meet."""
+        cuts = [item.surface for item in self.scene.every_object if isinstance(item, CutSurface)]
+        return np.any([np.zeros(len(boxes), bool), *(meets(surface, boxes) for surface in cuts)], axis=0)
 
     def _ends(self) -> Iterator[Ints]:
         """Elements that decide certified ranges over all data."""
@@ -387,61 +409,3 @@ def _may_have(own: Part | Quantity, count: int, value: float) -> Bools:
     low, high = own.bounds()
     rounding = _rounding(own, value)
     return np.asarray(~(low - 8.0 * rounding > value) & ~(high + 8.0 * rounding < value))
-
-
-def meets(surface: object, boxes: Boxes) -> Bools:
-    """(n,) whether a plane, a sphere, a cylinder, a cone or triangles may meet each of the boxes (n, 6)."""
-    slack = _SLACK * max((_greatest(boxes[some]) for some in chunks(len(boxes), _AT_ONCE)), default=0.0)
-    if isinstance(surface, TriangleMesh):
-        return _meets_triangles(surface, boxes, slack)
-    mask = np.empty(len(boxes), bool)
-    for some in chunks(len(boxes), _AT_ONCE):
-        mask[some] = _may_meet(surface, boxes[some].astype(np.float64), slack)
-    return mask
-
-
-def _greatest(boxes: Boxes) -> float:
-    """The largest coordinate of boxes that are finite, but for its sign."""
-    return float(np.abs(boxes[np.isfinite(boxes).all(axis=1)]).max(initial=0.0))
-
-
-def _may_meet(surface: object, corners: Floats, slack: float) -> Bools:
-    """Flags (n,) whether a plane, a sphere, a cylinder or a cone may meet boxes with these corners (n, 6).
-
-    Distances from them change by at most the displacement: from the middle of a box by half its diagonal, along a
-    plane's normal by half its sides together.
-    """
-    with np.errstate(invalid="ignore"):
-        middle, half = 0.5 * (corners[:, :3] + corners[:, 3:]), 0.5 * (corners[:, 3:] - corners[:, :3])
-        reach = np.linalg.norm(half, axis=1)
-        if isinstance(surface, Plane):
-            normal = surface.basis()[2]
-            slack += _SLACK * float(np.abs(surface.point).max())
-            distance, reach = (middle - surface.point) @ normal, half @ np.abs(normal)
-        elif isinstance(surface, Sphere):
-            distance = np.linalg.norm(middle - surface.center, axis=1) - surface.radius
-        elif isinstance(surface, Cylinder):
-            distance = _along_axis(surface.point, surface.axis, middle)[1] - surface.radius
-        else:
-            assert isinstance(surface, Cone)
-            # that to a line in the plane through the axis, which the cone's side is a part of
-            along, away = _along_axis(surface.apex, surface.axis, middle)
-            angle = np.radians(surface.angle)
-            distance = away * np.cos(angle) - along * np.sin(angle)
-        return np.asarray(~(np.abs(distance) > reach + slack))
-
-
-def _along_axis(start: Vector, direction: Vector, points: Floats) -> tuple[Floats, Floats]:
-    """(n,) where points (n, 3) lie along an axis, and (n,) their distances from it."""
-    axis, away = unit(direction, "axis"), points - np.asarray(start)
-    along = away @ axis
-    return along, np.linalg.norm(away - np.outer(along, axis), axis=1)
-
-
-def _meets_triangles(surface: TriangleMesh, boxes: Boxes, slack: float) -> Bools:
-    """(n,) whether the box of a triangle meets each of the boxes."""
-    mask = np.zeros(len(boxes), bool)
-    corners = triangles(surface.file)
-    _, element = BoxTree.build(boxes).overlaps(corners.min(axis=1) - slack, corners.max(axis=1) + slack)
-    mask[element] = True
-    return mask

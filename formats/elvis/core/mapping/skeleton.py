@@ -13,13 +13,16 @@ import numpy as np
 
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
-from elvis.core.mapping.orientation import first_face_row, label, polygon_vertices, require
+from elvis.core.mapping.orientation import chunks, first_face_row, label, polygon_vertices, require
 from elvis.core.mesh import Curves, Mesh
-from elvis.core.polynomials.interpolation import interpolation, nodes_along
+from elvis.core.polynomials.bernstein import to_bernstein
+from elvis.core.polynomials.interpolation import interpolation, modified, nodes_along
 from elvis.core.polynomials.points import PointsType
 from elvis.core.shapes import Shape
 
 _FACES = (Shape.TRIANGLE, Shape.QUADRILATERAL)
+#: curved faces that are transformed together
+_AT_ONCE = 1 << 10
 
 #: start of each edge of a face in its natural direction, and the mode (p, q) of its mode k >= 2; j is k - 1
 _EDGES: Mapping[Shape, tuple[tuple[int, str, str], ...]] = {
@@ -126,6 +129,23 @@ class Skeleton:
         self._put_edges(result, shape, rows)
         return result.reshape(modes * modes, len(rows), 3)
 
+    def edge_widths(self) -> Floats:
+        """(n, 3) how far Bernstein coefficients of edges are from the straight lines between their ends, at most."""
+        modes = np.abs(self._edge_modes[2:])
+        widths = np.tensordot(_net_sizes(len(self._edge_modes)), modes, 1)
+        return np.asarray(widths[self._edge_slots])
+
+    def face_widths(self, shape: Shape) -> Floats:
+        """(n, 3) how far Bernstein coefficients of quadrilaterals are from the blends of their edges, at most."""
+        slots = self._face_slots[shape]
+        widths = np.zeros((len(self.mesh.face_curves) + 1, 3))
+        for family, n, which in _groups(self.mesh, shape, np.flatnonzero(np.bincount(slots[slots >= 0]))):
+            sizes = np.outer(_net_sizes(n), _net_sizes(n))
+            for part in chunks(len(which), _AT_ONCE):
+                modes = _interpolate(self.mesh, shape, family, n, which[part]).reshape(-1, 3, n, n)
+                widths[which[part]] = np.einsum("fipq,pq->fi", np.abs(modes[:, :, 2:, 2:]), sizes)
+        return widths[slots]
+
     def _put_edges(self, faces: Floats, shape: Shape, rows: Ints) -> None:
         """Overwrite vertex and edge modes of ``faces`` (modes, modes, n, 3) by the modes of the edges."""
         modes = len(faces)
@@ -151,6 +171,11 @@ class Skeleton:
         corners = (shape.vertices > 0).astype(int)
         for vertex, (p, q) in zip(vertices.T, corners, strict=True):
             faces[p, q] = self.vertices[vertex]
+
+
+def _net_sizes(count: int) -> Floats:
+    """(count - 2,) the largest Bernstein coefficients of the modes of a line from 2 on, but for their signs."""
+    return np.asarray(np.abs(to_bernstein(modified(Shape.SEGMENT, (count,)))).max(axis=1)[2:])
 
 
 def _within(mesh: Mesh, points: Floats) -> Floats:

@@ -78,9 +78,9 @@ def _are_nearly_affine(modes: tuple[int, ...], coefficients: Floats) -> Bools:
     """(n,) whether J of maps (n, d, m) in the Modified basis is so near its mean M that |1 - M^-1 J| < 1 everywhere."""
     # the first direction is the fastest
     net = coefficients.reshape(*coefficients.shape[:2], *modes[::-1])
-    columns = [_slope(np.moveaxis(net, -1 - direction, 2)) for direction in range(len(modes))]
-    means, deviations = (np.stack(own, axis=2) for own in zip(*columns, strict=True))
     with np.errstate(all="ignore"):
+        columns = [_slope(np.moveaxis(net, -1 - direction, 2)) for direction in range(len(modes))]
+        means, deviations = (np.stack(own, axis=2) for own in zip(*columns, strict=True))
         inverse, is_sound = _inverse(means)
         magnitude = np.abs(coefficients).max(axis=(1, 2), initial=0.0)
         # each slope is off by a few roundings of the largest coefficient, and the weights of their sum are below m
@@ -98,7 +98,8 @@ def _slope(net: Floats) -> tuple[Floats, Floats]:
     """
     weights = np.arange(1, net.shape[2] - 1) / 2
     linear = (net[:, :, 1] - net[:, :, 0]) / 2
-    corners = linear[(..., *(slice(0, 2),) * (linear.ndim - 2))]
+    vertices = (slice(None), slice(None), *(slice(0, 2),) * (linear.ndim - 2))
+    corners = linear[vertices]
     means = corners.mean(axis=tuple(range(2, corners.ndim)))
     corners -= means.reshape(*means.shape, *(1,) * (corners.ndim - 2))
     sizes = np.abs(linear) + np.einsum("ndk...,k->nd...", np.abs(net[:, :, 2:]), weights)

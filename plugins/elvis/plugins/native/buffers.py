@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import groupby
@@ -13,7 +13,7 @@ import numpy as np
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
 from elvis.core.geometry import kept
-from elvis.core.mapping.boxes import element_boxes
+from elvis.core.mapping.boxes import Boxes, element_boxes
 from elvis.core.patch import Patch, patches
 from elvis.core.picturing import Kind
 from elvis.core.polynomials.bernstein import BernsteinSpace
@@ -72,14 +72,20 @@ class NativeVolume:
         return NativeVolume(dimension, parts)
 
 
-def placed(dataset: Dataset, every: Sequence[Patch], expression: Expression) -> NativeVolume:
+def placed(
+    dataset: Dataset,
+    every: Sequence[Patch],
+    expression: Expression,
+    boxes_of: Callable[[Patch], Boxes] = element_boxes,
+) -> NativeVolume:
     """The elements that carry a quantity, with ids and boxes only, in one part for each patch.
 
-    every  patches with the fields of the quantity, and with others after these
+    every     patches with the fields of the quantity, and with others after these
+    boxes_of  gives the boxes of a patch
     """
     count = len(expression.fields)
     found = [patch for patch in every if all(own is not None for own in patch.fields[:count])]
-    parts = [Part("", "", patch.element_ids, element_boxes(patch), {}) for patch in found]
+    parts = [Part("", "", patch.element_ids, boxes_of(patch), {}) for patch in found]
     return NativeVolume(_dimension(dataset, found), parts)
 
 

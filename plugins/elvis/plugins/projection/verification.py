@@ -307,9 +307,7 @@ class Maps:
         self._block = np.repeat(np.arange(len(self.blocks)), [len(block) for block in self.blocks])
         self._row = np.concatenate([np.arange(len(block)) for block in self.blocks])
 
-    def at(
-        self, ids: Ints, points: Floats, inside: int, doubtful: list[Ints] | None = None
-    ) -> tuple[Floats, Floats]:
+    def at(self, ids: Ints, points: Floats, inside: int, doubtful: list[Ints] | None = None) -> tuple[Floats, Floats]:
         """Positions (k, n, 3) of elements ``ids`` at reference points (n, d); Jacobians (k, inside) at the first.
 
         doubtful  receives ids of elements that a quick test doesn't prove to be unfolded
