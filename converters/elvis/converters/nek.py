@@ -117,8 +117,10 @@ class Nek(NodalConverter):
     def _read_blocks(self) -> None:
         values, head = self._values, self._values.head
         none = np.empty((0, values.dimension))
-        geometry = _Records(none, _basis(self._points), step=self._points, name="position", rows=self._rows)
         basis = _basis(values)
+        is_alike = self._points.head.points == head.points
+        of_points = basis if is_alike else _basis(self._points)
+        geometry = _Records(none, of_points, step=self._points, name="position", rows=self._rows)
         count = len(values.numbers)
         self.blocks = [Elements(basis.shape, count, geometry.order, ids=values.numbers - 1, key=NodalBlock(geometry))]
         names = [(name, parts) for name, parts in head.channels if name != "position"]

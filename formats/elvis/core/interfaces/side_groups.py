@@ -8,11 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, narrow_ints
+from elvis.core.arrays import Bools, Floats, Ints, frozen_floats, frozen_ints, narrow_ints
 from elvis.core.dataset import Dataset, Expansion
 from elvis.core.distances.boundaries import side_coefficients, side_degree, sides_of
 from elvis.core.distances.surface_patches import CORNERS, WHOLE, SurfacePatches
-from elvis.core.geometry import Part, mapping
+from elvis.core.geometry import Assembly, GeometryBlock, Part, geometry, is_shared, parts
 from elvis.core.mapping.orientation import chunks
 from elvis.core.polynomials.expansion import mode_count, values_and_gradients
 from elvis.core.polynomials.quadrature import gauss
@@ -217,9 +217,18 @@ def side_set(dataset: Dataset, wanted: Bools) -> SideSet:
     """
     wanted = wanted.copy()
     groups: list[SideGroup] = []
-    for block in mapping(dataset):
-        groups += _groups_of(dataset, block, wanted)
+    for part in geometry(dataset) if is_shared(dataset.mesh) else parts(dataset):
+        groups += _groups_of(dataset, _with_sides(dataset, part, wanted), wanted)
     return SideSet(groups)
+
+
+def _with_sides(dataset: Dataset, part: Part, wanted: Bools) -> Part:
+    """A part of the map that is quickly put together, or only its elements that have requested sides."""
+    if not isinstance(part, Assembly) or part.is_straight:
+        return part
+    ids = part.element_ids
+    rows = np.flatnonzero(wanted[sides_of(dataset.mesh, part.expansion.shape, ids)].any(axis=1))
+    return GeometryBlock(part.expansion, frozen_ints(ids[rows]), frozen_floats(part.take(rows)))
 
 
 def _groups_of(dataset: Dataset, block: Part, wanted: Bools) -> Iterator[SideGroup]:
