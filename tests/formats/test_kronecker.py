@@ -89,3 +89,23 @@ def test_projections_on_products_have_factors_and_reproduce_their_functions(shap
     # also beyond the functions of the expansion they do what the whole matrix does
     samples = np.cos(3.0 * operator.points.sum(axis=1))[None]
     assert np.abs(operator.fit(samples) - samples @ operator.matrix).max() < 1e-12
+
+
+@pytest.mark.parametrize("least", [0, 1 << 30], ids=["factors", "matrices"])
+def test_maps_after_one_another_are_one_map(monkeypatch, least):
+    """From nodes to points and on to coefficients; rows of the joined map have the nodes' order."""
+    monkeypatch.setattr(kronecker, "_LEAST", least)
+    rng = np.random.default_rng(3)
+    fit = conforming(modified(Shape.HEXAHEDRON, (4, 4, 4)))
+    basis = NodalBasis(Shape.HEXAHEDRON, 3, shuffled((4, 4, 4), rng)[0])
+    to_points = basis.to_points(fit.points)
+    joined = to_points.then(fit.fit)
+    assert (joined.factors is not None) == (least == 0)
+    assert to_points.then(fit.fit) is joined
+    rows = rng.normal(size=(20, 64))
+    expected = fit.fit(to_points(rows))
+    assert np.abs(joined(rows) - expected).max() < 1e-12 * np.abs(expected).max()
+
+    # one of them has no factors
+    dense = RowMap(to_points.matrix, Lattice.of(basis._nodes), Lattice.of(fit.points), lambda source, target: [])
+    assert np.abs(dense.then(fit.fit)(rows) - expected).max() < 1e-12 * np.abs(expected).max()

@@ -96,6 +96,32 @@ def test_larger_weights_pull_towards_their_nodes():
     assert np.abs(at_nodes[0] - at_nodes[1]).max() < 1e-12
 
 
+class Doubled(Source):
+    """The same with twice the values."""
+
+    def sample(self, block, field, points):
+        return 2 * super().sample(block, field, points)
+
+
+def test_values_at_nodes_stand_for_samples():
+    """Not for rational functions, constants, and samples that a subclass changes."""
+    source, points = Source(Shape.TRIANGLE, 2), inside(Shape.TRIANGLE)
+    block = source.blocks[0].take(np.array([1]))
+    field, _, constant = source.fields
+    values, to_points = source.at_nodes(block, field)
+    assert np.array_equal(to_points(points)(values), source.sample(block, field, points))
+    places, to_points = source.at_nodes(block, None)
+    found = to_points(points)(places).transpose(0, 2, 1)
+    assert np.array_equal(found[..., :2], source.positions(block, points))
+    assert not found[..., 2].any()
+    assert source.at_nodes(block, constant) is None
+    weighted = Source(Shape.TRIANGLE, 2, True, weights=np.linspace(1, 2, 12))
+    assert weighted.at_nodes(weighted.blocks[0], None) is None
+    doubled = Doubled(Shape.TRIANGLE, 2)
+    assert doubled.at_nodes(doubled.blocks[0], doubled.fields[0]) is None
+    assert doubled.at_nodes(doubled.blocks[0], None) is not None
+
+
 def test_a_block_may_miss_a_field():
     source = Source(Shape.SEGMENT, 1, False)
     source.add_field("q", ["q"], [None])

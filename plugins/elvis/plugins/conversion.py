@@ -11,7 +11,7 @@ A block whose source uses other coordinates declares a ``frame``; the points the
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from pathlib import Path
@@ -20,6 +20,7 @@ from typing import Any, ClassVar
 from elvis.core.arrays import Floats, Ints
 from elvis.core.dataset import ExpansionRule, Homogeneous
 from elvis.core.mesh import Mesh
+from elvis.core.polynomials.kronecker import RowMap
 from elvis.core.shapes import Shape
 from elvis.plugins.declared import Declared
 
@@ -278,6 +279,14 @@ class Converter(ABC):
     def sample(self, block: Elements, field: SourceField, points: Floats) -> Floats:
         """(len(block), n) values of a field at reference points (n, d) of the elements ``block.rows``."""
         raise NotImplementedError(f"{type(self).__name__} lists fields but doesn't sample them")
+
+    def at_nodes(self, block: Elements, field: SourceField | None) -> tuple[Floats, Callable[[Floats], RowMap]] | None:
+        """Values of a field (len(block), k), or positions (len(block), 3, k) for None, at k nodes of ``block.rows``.
+
+        They come with a function that gives the map from values at the nodes to those at reference points (n, d), so
+        that a projection goes directly from nodes to coefficients.  None if samples aren't made from values at nodes.
+        """
+        return None
 
     def summary(self) -> str:
         """One line for messages: how many elements and fields there are."""

@@ -8,7 +8,7 @@ functions of nodes that determine a complete space.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import factorial
@@ -217,6 +217,13 @@ class NodalValues:
         """Degree of the functions, 0 for constants."""
         return 0 if self.functions is None else self.functions.order
 
+    @property
+    def is_linear(self) -> bool:
+        """Whether all values are those of `at_nodes`, combined by the functions; subclasses may change that."""
+        kind = type(self)
+        is_plain = (kind.component, kind.at) == (NodalValues.component, NodalValues.at)
+        return is_plain and self.weights is None
+
     def component(self, number: int, rows: slice | Ints, points: Floats) -> Floats:
         """(r, n) values of a component at reference points (n, d) of elements ``rows``."""
         own = self.at_nodes(number, rows)
@@ -267,6 +274,24 @@ class NodalConverter(Converter):
         """The values at the nodes, combined by their functions."""
         name, component = field.key
         return self.nodal(block).fields[name].component(component, block.rows, points)
+
+    def at_nodes(self, block: Elements, field: SourceField | None) -> tuple[Floats, Callable[[Floats], RowMap]] | None:
+        """The values at the nodes, unless a subclass changes what follows from these."""
+        kind = type(self)
+        if (kind.positions if field is None else kind.sample) not in (NodalConverter.positions, NodalConverter.sample):
+            return None
+        if field is None:
+            own = self.nodal(block).geometry
+        else:
+            name, component = field.key
+            own = self.nodal(block).fields[name]
+        if own.functions is None or not own.is_linear:
+            return None
+        if field is not None:
+            return own.at_nodes(component, block.rows), own.functions.to_points
+        columns = [own.at_nodes(number, block.rows) for number in range(own.values.shape[-1])]
+        missing = [np.zeros_like(columns[0])] * (3 - len(columns))
+        return np.stack([*columns, *missing], axis=1), own.functions.to_points
 
     @staticmethod
     def nodal(block: Elements) -> NodalBlock:

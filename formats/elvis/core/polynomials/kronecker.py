@@ -83,6 +83,7 @@ class RowMap:
         factors: Callable[[Lattice, Lattice], Sequence[Floats]],
     ) -> None:
         self.matrix, self._source, self._target, self._given = matrix, source, target, factors
+        self._joined: dict[RowMap, RowMap] = {}
 
     def __call__(self, rows: Floats) -> Floats:
         """(..., n) the rows (..., k), each times the matrix; no result depends on the other rows."""
@@ -97,6 +98,18 @@ class RowMap:
             net = np.take(flat[some], self._source.order, axis=1)
             result[some, self._target.order] = along_directions(net, self.factors)
         return result.reshape(*rows.shape[:-1], -1)
+
+    def then(self, other: RowMap) -> RowMap:
+        """This map followed by another one, whose rows are on the points of these results, as one map."""
+        if other not in self._joined:
+
+            def products(source: Lattice, target: Lattice) -> Sequence[Floats]:
+                if self.factors is None or other.factors is None:
+                    return []
+                return [first @ second for first, second in zip(self.factors, other.factors, strict=True)]
+
+            self._joined[other] = RowMap(self.matrix @ other.matrix, self._source, other._target, products)
+        return self._joined[other]
 
     @cached_property
     def factors(self) -> Sequence[Floats] | None:

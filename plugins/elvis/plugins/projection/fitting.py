@@ -71,9 +71,8 @@ def fit_fields(sampler: Sampler, blocks: Sequence[NativeBlock], fields: Sequence
     ]
     for number, rows, points, group in track(list(_work(sampler, blocks, fields)), "projecting"):
         for i, which in group:
-            samples = sampler.values(blocks[number], rows, fields[i], points)
             with np.errstate(invalid="ignore"):  # values that are not finite remain so
-                found[i][number][rows] = which.fit(samples)
+                found[i][number][rows] = sampler.fitted(blocks[number], rows, fields[i], points, which.fit)
     return [FieldFit(f, tuple(n), tuple(c)) for f, n, c in zip(fields, modes, found, strict=True)]
 
 
@@ -152,8 +151,7 @@ def _mapped(
     """Block, rows and coefficients (k, 3, m) of the coordinates there, a batch at a time."""
     for number, (block, which) in enumerate(zip(blocks, operators, strict=True)):
         for rows, points in track(list(sampler.batches(block, which.points)), "mapping"):
-            samples = sampler.positions(block, rows, points).transpose(0, 2, 1)
-            yield number, rows, which.fit(samples)
+            yield number, rows, sampler.fitted(block, rows, None, points, which.fit)
 
 
 def position_operator(block: NativeBlock, in_own_space: bool) -> Operator:

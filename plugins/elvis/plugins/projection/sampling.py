@@ -8,6 +8,7 @@ import numpy as np
 
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import ElvisError
+from elvis.core.polynomials.kronecker import RowMap
 from elvis.plugins.conversion import Converter, Elements, SourceField
 from elvis.plugins.projection.blocks import NativeBlock
 
@@ -55,6 +56,21 @@ class Sampler:
         if found.shape != (len(elements), len(points)):
             raise self._error(f"sample of {field.name}", f"({len(elements)}, {len(points)})", found)
         return found
+
+    def fitted(
+        self, block: NativeBlock, rows: slice | Ints, field: SourceField | None, points: Floats, fit: RowMap
+    ) -> Floats:
+        """Samples of a field (k, n), or of positions (k, 3, n) for None, times a map from these points to coefficients.
+
+        Values at nodes are mapped directly to coefficients.
+        """
+        nodal = self.source.at_nodes(self._elements(block, rows), field)
+        if nodal is not None:
+            values, to_points = nodal
+            return to_points(points).then(fit)(values)
+        if field is None:
+            return fit(self.positions(block, rows, points).transpose(0, 2, 1))
+        return fit(self.values(block, rows, field, points))
 
     def _elements(self, block: NativeBlock, rows: slice | Ints) -> Elements:
         """The source's elements; kept until others are requested, as fields are sampled in turn on the same ones."""
