@@ -184,7 +184,7 @@ class Step:
         which = np.searchsorted(self._ends, rows, side="right")
         for i in np.unique(which).tolist():
             here, piece = which == i, self.pieces[i]
-            result[here] = piece.records[name][rows[here] - self._ends[i] + len(piece.numbers), component]
+            result[here] = piece.take(name, component, rows[here] - self._ends[i] + len(piece.numbers))
         return result
 
 

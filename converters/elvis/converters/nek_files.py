@@ -5,6 +5,7 @@ Layout: Nek5000 documentation, "Field files" and "Mesh files"; core/prepost.f (m
 
 from __future__ import annotations
 
+import mmap
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,6 +31,8 @@ _NUMBERED, _INSIDE = ("MSH", "EXO"), ("E", "J", "SP", "")
 #: codes of sides that the mesh identifies with others
 _PERIODIC = ("P", "p")
 
+#: bytes that are read before the pages of a file are released
+_MOST_TAKEN = 1 << 24
 #: more points along an edge are a slip
 _MOST_POINTS = 64
 
@@ -89,7 +92,6 @@ class Piece:
     """One field file, mapped into memory.
 
     numbers   (count,) ids of its elements, from 1
-    records   by name, (count, components, points) in the file's own type
     """
 
     def __init__(self, path: Path) -> None:
@@ -100,13 +102,29 @@ class Piece:
         if path.stat().st_size < needed:
             raise FormatError(f"expected {needed} bytes, found {path.stat().st_size}", file=path)
         self.numbers = np.fromfile(path, f"{order}i4", head.count, offset=start).astype(np.int64)
-        self.records: dict[str, Floats] = {}
+        with path.open("rb") as file:
+            self._mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        self._taken = 0
+        # (count, components, points) in the file's own type
+        self._records: dict[str, Floats] = {}
         start += 4 * head.count
         for name, components in head.channels:
             shape = (head.count, components, int(np.prod(head.points)))
-            data: Floats = np.memmap(path, np.dtype(f"{order}f{head.size}"), "r", start, shape)
-            self.records[name] = data
-            start += data.nbytes
+            flat = np.frombuffer(self._mapped, f"{order}f{head.size}", int(np.prod(shape)), start)
+            self._records[name] = flat.reshape(shape)
+            start += flat.nbytes
+
+    def take(self, name: str, component: int, rows: Ints) -> Floats:
+        """(n, points) values of a component of a record on elements ``rows`` (n,), in the file's own type.
+
+        The pages of the file that were read don't stay in the memory of the process.
+        """
+        found: Floats = self._records[name][rows, component]
+        self._taken += found.nbytes
+        if self._taken > _MOST_TAKEN and hasattr(mmap, "MADV_DONTNEED"):
+            self._mapped.madvise(mmap.MADV_DONTNEED)
+            self._taken = 0
+        return found
 
 
 def _width(head: Header) -> int:
