@@ -347,10 +347,17 @@ def _halves(cells: _Cells, shape: Shape) -> tuple[_Cells, _Cells]:
         longest = np.where(has_apex, 2, longest)
 
     is_halved = np.arange(dimension) == longest[:, None]
-    zero = np.zeros_like(cells.low)
-    one = np.ones_like(cells.low)
-    lower_half = _cut(cells, zero, np.where(is_halved, 0.5, one))
-    upper_half = _cut(cells, np.where(is_halved, 0.5, zero), one)
+    width = cells.high - cells.low
+    lower_end = cells.low + np.where(is_halved, 0.5, 1.0) * width
+    upper_start = cells.low + np.where(is_halved, 0.5, 0.0) * width
+    nets = np.stack([cells.net, cells.net])
+    for direction in range(dimension):
+        here = np.flatnonzero(longest == direction)
+        net, half = cells.net[..., here], np.full(len(here), 0.5)
+        nets[0][..., here] = _left_of(net, -2 - direction, half)
+        nets[1][..., here] = _right_of(net, -2 - direction, half)
+    lower_half = _Cells(cells.pair, cells.low, lower_end, nets[0])
+    upper_half = _Cells(cells.pair, upper_start, cells.low + width, nets[1])
     return lower_half, upper_half
 
 
