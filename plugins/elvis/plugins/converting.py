@@ -365,10 +365,11 @@ def _maps(sampler: Sampler, mesh: Mesh, blocks: Sequence[NativeBlock], known: Po
 
     known  the coordinates in Modified expansions, None if they are to be fitted
     """
-    found = known.joined_on(blocks) if known and not any(block.is_ortho for block in blocks) else None
+    is_known = known is not None and known.is_on(blocks) and not any(block.is_ortho for block in blocks)
+    own = known if known is not None and is_known else fit_positions(sampler, mesh, blocks, in_own_space=True)
+    found = own.joined()
     if found is None:
-        found = fit_positions(sampler, mesh, blocks, in_own_space=True).joined_on(blocks)
-        assert found is not None
+        found = fit_positions(sampler, mesh, blocks, in_own_space=True).columns
     modes = tuple(block.source.order + 1 for block in blocks)
     source_fields = [SourceField(name, max(modes) - 1) for name in MAP_FIELDS]
     columns = zip(source_fields, zip(*found, strict=True), strict=True)

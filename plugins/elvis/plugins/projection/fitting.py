@@ -104,20 +104,21 @@ class Positions:
     skins: Skins
     space: int
 
-    def joined_on(self, blocks: Sequence[NativeBlock]) -> list[Floats] | None:
-        """The coefficients (3, n, m) on other blocks, with one trace on what elements share if theirs agree.
+    def is_on(self, blocks: Sequence[NativeBlock]) -> bool:
+        """Whether these are the coordinates of other blocks, none of which is empty."""
+        kept = [own for own in self.skins.blocks if len(own)]
+        is_alike = len(kept) == len(blocks) and all(own.rows is b.rows for own, b in zip(kept, blocks, strict=True))
+        return bool(self.columns) and is_alike
 
-        They are changed in place.  None if these are not the coordinates of such blocks.
+    def joined(self) -> list[Floats] | None:
+        """The coefficients (3, n, m) on blocks that aren't empty, with one trace on what elements share.
+
+        They are changed in place.  None if elements disagree on what they share; their coefficients are lost.
         """
-        kept = [(own, block) for own, block in zip(self.columns, self.skins.blocks, strict=False) if len(block)]
-        if len(kept) != len(blocks) or any(own.rows is not b.rows for (_, own), b in zip(kept, blocks, strict=True)):
-            return None
-        wide = [own.transpose(1, 0, 2) for own in self.columns]
         magnitude = max(map(largest, self.columns), default=0.0)
-        change = self.skins.largest_change(wide).max(initial=0)
-        if 0 < change <= _AGREEING * magnitude:
-            self.skins.apply(wide)
-        return [own for own, _ in kept]
+        change = self.skins.apply([own.transpose(1, 0, 2) for own in self.columns]).max(initial=0)
+        agrees = change <= _AGREEING * magnitude
+        return [own for own in self.columns if own.shape[1]] if agrees else None
 
 
 def fit_positions(

@@ -25,6 +25,8 @@ from elvis.plugins.projection.vertices import merge_vertices, merging_tolerance,
 
 #: elements whose places are computed together
 _ELEMENTS_AT_ONCE = 1 << 16
+#: coefficients of one coordinate of elements whose corners are computed together
+_NUMBERS_AT_ONCE = 1 << 19
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +146,7 @@ def _corner_places(source: Converter, block: Elements) -> Floats:
     """(n, v, 3) where the vertices of the source's elements lie."""
     points = block.shape.vertices if block.frame is None else np.asarray(block.frame, np.float64)
     places = np.zeros((len(block), len(points), 3))
-    for rows in even_chunks(len(block), _ELEMENTS_AT_ONCE):
+    for rows in even_chunks(len(block), _NUMBERS_AT_ONCE // (block.order + 1) ** block.shape.dimension):
         found = np.asarray(source.positions(block.take(rows), points), np.float64)
         count = rows.stop - rows.start
         if found.ndim != 3 or found.shape[:2] != (count, len(points)):

@@ -232,18 +232,12 @@ class Skins:
             found[:, :, places] = self.edges[edges[rows]] * _signs(backwards[rows], most)
         return found
 
-    def largest_change(self, coefficients: Sequence[Floats]) -> Floats:
-        """(c,) the largest difference between what the elements hold and what `apply` would give them."""
-        return self._compared(coefficients, is_given=False)
-
     def apply(self, coefficients: Sequence[Floats]) -> Floats:
         """Set the coefficients of vertices, edges and faces in every element of every block (n, c, m).
 
         Returns (c,) the largest difference from the previous coefficients.
         """
-        return self._compared(coefficients, is_given=True)
 
-    def _compared(self, coefficients: Sequence[Floats], is_given: bool) -> Floats:
         def change(number: int, rows: slice) -> Floats:
             worst, own = np.zeros(self.width), coefficients[number]
             for here, carried, seen in self._traces.views(number, rows, self):
@@ -251,7 +245,7 @@ class Skins:
                 difference -= given
                 largest = np.abs(difference, out=difference).max(axis=(0, 1), initial=0)
                 worst = np.maximum(worst, largest)
-                if is_given and largest.any():
+                if largest.any():
                     # what faces share is the same to the last bit, so that the next face finds no difference there
                     own[here[:, None], :, carried] = given
             return worst
