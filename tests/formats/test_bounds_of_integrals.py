@@ -1,5 +1,6 @@
 """Bounds of integrals: values lie within them, and some come near their ends (tests/support/claims.py)."""
 
+from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
@@ -200,6 +201,7 @@ def roots_of_expansions(rng):
 
 #: functions of leaves x and y
 SMOOTH = ["x+y", "x-y", "2*x", "x*y", "x*x", "x^2", "x/3", "sqrt(x)", "log(x)", "1/x", "sqrt(x*x+y^2)", "1/(3*x^2+y*y)"]
+SMOOTH += ["x/y", "x/(0-y)"]
 KINKED = ["abs(x)", "min(x,y)", "max(x,y)", "sqrt(2*x*x)", "sqrt(x^2+y^2)", "sqrt(abs(x))"]
 DATASET = Dataset(grid(Shape.QUADRILATERAL, 1))
 OPERATIONS = {"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "^": np.power, "abs": np.abs}
@@ -251,17 +253,19 @@ def values_of_trees(rng):
 
 def slacks_of_trees(rng):
     """What expressions change by if leaves change by their slack; roots, next to 0, by the root of it."""
-    for text in SMOOTH + KINKED:
+    for text, inexact in product(SMOOTH + KINKED, ([1, 1], [1, 0], [0, 1])):
         middle = rng.uniform(2, 3, (2, COUNT, 1)) if text in SMOOTH else np.zeros((2, COUNT, 1))
         radius, slack = (0.1 + 0 * middle if text in SMOOTH else 0 * middle), rng.uniform(0.05, 0.1, (2, COUNT, 1))
+        slack *= np.reshape(inexact, (2, 1, 1)) * rng.choice([0.0, 1.0], slack.shape, p=[0.1, 0.9])
         balls = [Ball(m, r, m - r, r, s, np.sqrt(s)) for m, r, s in zip(middle, radius, slack, strict=True)]
         found = ball_of(text, balls)
+        bound = np.where(np.isfinite(found.radius), found.slack, np.inf)
         signs = np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1], indexing="ij")).reshape(2, 1, -1)
         for way in (-1, 1):
             places = middle + way * radius
             with np.errstate(all="ignore"):
                 away = np.abs(value_of(text, places + signs * slack) - value_of(text, places))
-            yield np.nanmax(away, axis=1), found.slack + np.where(found.slack > 0, 0.0, found.radius)
+            yield np.nanmax(away, axis=1), bound.reshape(-1) + 1e-15
 
 
 def values_with_factors(rng):
@@ -731,6 +735,13 @@ def test_splines_pass_through_their_points_with_continuous_curvature():
     for end, way in ((0.0, 1), (3.0, -1)):
         near = curve.at(end + way * step * np.array([0.5, 1.5]))[1]
         assert np.abs(near[1] - near[0]).max() / step < 1e-2
+
+
+def test_slacks_of_quotients_do_not_depend_on_signs():
+    middle, radius, slack = np.full((COUNT, 1), 2.0), np.full((COUNT, 1), 0.5), np.full((COUNT, 1), 0.1)
+    balls = [Ball(middle, radius, middle - radius, radius, own, np.sqrt(own)) for own in (slack, 0 * slack)]
+    for text in ("x/y", "x/(0-y)"):
+        assert np.allclose(tree_of(text, balls).slack, 0.1 / 1.5)
 
 
 def test_slacks_and_zeros_count_only_at_real_points():
