@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 Floats: TypeAlias = NDArray[np.float64]
 Ints: TypeAlias = NDArray[np.int64]
 Bools: TypeAlias = NDArray[np.bool_]
+#: structured arrays: NumPy's types say nothing of their columns, over which a type checker puzzles for seconds a line
+Records: TypeAlias = Any
 
 
 def frozen_floats(values: object) -> Floats:

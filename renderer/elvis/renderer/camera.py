@@ -6,16 +6,16 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elvis.core.arrays import Records
 from elvis.renderer.device import Kernel
 from elvis.scene.view import View
 
 #: Camera records of views that are drawn
-_CAMERAS: WeakKeyDictionary[View, NDArray[Any]] = WeakKeyDictionary()
+_CAMERAS: WeakKeyDictionary[View, Records] = WeakKeyDictionary()
 
 
-def record_of(kernel: Kernel, name: str, view: View, **values: Any) -> NDArray[Any]:
+def record_of(kernel: Kernel, name: str, view: View, **values: Any) -> Records:
     """A kernel's record (1,) of this name with the camera of the view, and other values by name."""
     record = np.zeros(1, kernel.dtype(name))
     record["camera"] = _camera(view, record.dtype["camera"])
@@ -24,7 +24,7 @@ def record_of(kernel: Kernel, name: str, view: View, **values: Any) -> NDArray[A
     return record
 
 
-def _camera(view: View, dtype: np.dtype[Any]) -> NDArray[Any]:
+def _camera(view: View, dtype: np.dtype[Any]) -> Records:
     """(1,) the Camera record of a view, made once for all kernels that lay it out alike."""
     known = _CAMERAS.get(view)
     if known is None or known.dtype != dtype:
@@ -34,7 +34,7 @@ def _camera(view: View, dtype: np.dtype[Any]) -> NDArray[Any]:
     return known
 
 
-def _fill(camera: NDArray[Any], view: View) -> None:
+def _fill(camera: Records, view: View) -> None:
     """Let Camera records say what a view says."""
     eye, forward = np.asarray(view.camera.eye, dtype=np.float64), view.camera.basis()[2]
     camera["to_column"], camera["to_row"], camera["to_weight"] = view.to_pixel

@@ -10,12 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Ints
+from elvis.core.arrays import Bools, Ints, Records
 from elvis.plugins.volume import Part
 from elvis.renderer.drafts import is_draft
 from elvis.renderer.pixels import NOBODY, Pixels, resolve
@@ -36,7 +35,7 @@ class _Asked:
     """
 
     first: int
-    sections: NDArray[Any]
+    sections: Records
     mask: Bools
 
     def between_rows(self, start: int, stop: int) -> _Asked:
@@ -50,7 +49,7 @@ class Gaps:
     def __init__(
         self,
         parts: Sequence[Part],
-        candidates: Callable[[int], NDArray[Any]],
+        candidates: Callable[[int], Records],
         bent: list[NDArray[np.int8]] | None = None,
     ) -> None:
         """Gaps of a volume's parts; ``candidates`` makes n empty ones, ``bent`` has known classes (see unknown)."""
@@ -59,7 +58,7 @@ class Gaps:
         self._first = np.cumsum([0, *map(len, parts)])
         self._bent = unknown(parts) if bent is None else bent
 
-    def close(self, view: PlaneView, pixels: Pixels, sections: Sequence[NDArray[Any]]) -> None:
+    def close(self, view: PlaneView, pixels: Pixels, sections: Sequence[Records]) -> None:
         """Find the missed pixels of a picture, except a draft; ``sections`` of each part are cut_cull's."""
         if is_draft():
             return
@@ -96,7 +95,7 @@ class Gaps:
             if len(every):
                 resolve(pixels, [prove(self._parts, view, every)])
 
-    def _candidates(self, asked: _Asked) -> NDArray[Any]:
+    def _candidates(self, asked: _Asked) -> Records:
         """Undecided candidates: elements by index in the volume, for pixels that may be theirs."""
         pixel, element = pairs(asked.sections, asked.mask)
         candidates = self._empty(len(pixel))
@@ -104,7 +103,7 @@ class Gaps:
         candidates["element"] = asked.first + element
         return candidates
 
-    def _bent_ones(self, number: int, sections: NDArray[Any]) -> NDArray[Any]:
+    def _bent_ones(self, number: int, sections: Records) -> Records:
         """The sections of a part's strongly curved elements."""
         part = self._parts[number]
         if part.bends is None or part.solve is None or not len(sections):
@@ -128,10 +127,10 @@ def unknown(parts: Sequence[Part]) -> list[NDArray[np.int8]]:
     return [np.full(len(part), _UNKNOWN, np.int8) for part in parts]
 
 
-def within(view: View, sections: NDArray[Any]) -> NDArray[Any]:
+def within(view: View, sections: Records) -> Records:
     """Sections in a view, in columns and rows relative to its first ones."""
     (left, top), size = view.first, view.last - view.first
-    found: NDArray[Any] = sections.copy()
+    found: Records = sections.copy()
     for name in ("least", "most"):
         found[name] -= np.array([left, top, left + top, left - top], found[name].dtype)
     found["least"][:, :2] = np.maximum(found["least"][:, :2], 0)
@@ -139,7 +138,7 @@ def within(view: View, sections: NDArray[Any]) -> NDArray[Any]:
     return found[(found["least"][:, :2] <= found["most"][:, :2]).all(axis=1)]
 
 
-def row_bands(asked: Sequence[tuple[NDArray[Any], Bools]]) -> list[tuple[int, int]]:
+def row_bands(asked: Sequence[tuple[Records, Bools]]) -> list[tuple[int, int]]:
     """First and last but one rows of bands in which masks (h, w) have at most n pixels of their sections' bounds.
 
     A row that exceeds n is a band of its own; rows without any are in no band.
@@ -162,7 +161,7 @@ def row_bands(asked: Sequence[tuple[NDArray[Any], Bools]]) -> list[tuple[int, in
     return bands
 
 
-def _most_in_rows(sections: NDArray[Any], mask: Bools) -> Ints:
+def _most_in_rows(sections: Records, mask: Bools) -> Ints:
     """Maximum number (h,) of pixels that each row of a mask (h, w) has within the bounds of each section."""
     height, width = mask.shape
 
@@ -179,16 +178,16 @@ def _most_in_rows(sections: NDArray[Any], mask: Bools) -> Ints:
     return np.asarray(np.minimum(area, count * mask.sum(axis=1)))
 
 
-def _between_rows(sections: NDArray[Any], start: int, stop: int) -> NDArray[Any]:
+def _between_rows(sections: Records, start: int, stop: int) -> Records:
     """Sections with rows from ``start`` to before ``stop``, with bounds cut to these."""
     near = (sections["least"][:, 1] < stop) & (sections["most"][:, 1] >= start)
-    found: NDArray[Any] = sections[near].copy()
+    found: Records = sections[near].copy()
     found["least"][:, 1] = np.maximum(found["least"][:, 1], start)
     found["most"][:, 1] = np.minimum(found["most"][:, 1], stop - 1)
     return found
 
 
-def pairs(sections: NDArray[Any], mask: Bools) -> tuple[Ints, NDArray[np.uint32]]:
+def pairs(sections: Records, mask: Bools) -> tuple[Ints, NDArray[np.uint32]]:
     """The pixels (n,) of a mask (h, w) within the bounds of each section, and the section's element (n,)."""
     cells = _cells_with_any(mask)
     sections = sections[_any_within(cells, sections["least"][:, :2], sections["most"][:, :2])]

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from elvis.core.arrays import Records
 from elvis.renderer.camera import record_of
 from elvis.renderer.compositing import FragmentLists
 from elvis.renderer.device import Device
@@ -100,7 +101,7 @@ class FragmentShader:
         }
         kernel(view.count, {**given, **made})
 
-    def _marks(self, material: Material, record: NDArray[Any]) -> dict[str, Buffer]:
+    def _marks(self, material: Material, record: Records) -> dict[str, Buffer]:
         """Marks of mesh lines and contours; also sets their style in the Material record."""
         marks = {}
         for name, style, lines in (("mesh", "mesh_line", material.mesh), ("contours", "contour", material.contours)):
@@ -116,7 +117,7 @@ class FragmentShader:
         return marks
 
 
-def _light_records(lights: Sequence[Light], view: View, dtype: np.dtype[Any]) -> NDArray[Any]:
+def _light_records(lights: Sequence[Light], view: View, dtype: np.dtype[Any]) -> Records:
     """The Light records of paint.slang."""
     records = np.zeros(len(lights), dtype)
     for record, light in zip(records, lights, strict=True):

@@ -8,9 +8,8 @@ from typing import Any, ClassVar, Generic, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.arrays import Floats, Ints, Records
 from elvis.core.streamlines.line_pieces import Pieces
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.hit_buffer import HitBuffer
@@ -48,7 +47,7 @@ class PieceDrawer(ABC, Generic[Shown]):
         """The pieces of an object."""
 
     @abstractmethod
-    def fill(self, records: NDArray[Any], shown: Shown, seen: PiecesInView) -> None:
+    def fill(self, records: Records, shown: Shown, seen: PiecesInView) -> None:
         """Fill in what only this kernel's records have."""
 
     def draw(

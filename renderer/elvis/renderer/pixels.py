@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from elvis.core.arrays import Records
 from elvis.scene.frame import Status
 
 NOBODY = 0xFFFFFFFF
@@ -28,10 +28,10 @@ class Pixels:
 
     owner: NDArray[np.uint32]
     status: NDArray[np.uint8]
-    committed: list[NDArray[Any]] = field(default_factory=list)
+    committed: list[Records] = field(default_factory=list)
 
 
-def resolve(pixels: Pixels, candidates: list[NDArray[Any]]) -> None:
+def resolve(pixels: Pixels, candidates: list[Records]) -> None:
     """Assign disputed pixels to one element each: interior candidates first, then the lowest number.
 
     A pixel with candidates only on borders is ambiguous; one without an owner that no search could decide has failed.

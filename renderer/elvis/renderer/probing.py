@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.arrays import Floats, Ints, Records
 from elvis.core.mapping.boxes import BoxTree
 from elvis.renderer.device import Kernel
 from elvis.renderer.device_volume import DeviceVolume
@@ -94,7 +94,7 @@ class Finder:
         failed = [self._decide(number, some, points, found) for number, some in enumerate(doubts)]
         return _places(found, self._loaded.ids, np.concatenate(failed))
 
-    def _missed(self, number: int, points: Floats, found: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
+    def _missed(self, number: int, points: Floats, found: Records, dtype: np.dtype[Any]) -> Records:
         """Doubts about points that nothing was found for, in elements of a part that bend strongly (see gaps)."""
         part, lost = self._parts[number], np.flatnonzero(found["element"] == NOBODY)
         if part.bends is None or part.solve is None or not len(lost):
@@ -106,9 +106,10 @@ class Finder:
         doubts["point"], doubts["element"] = lost[point[bent]], element[bent]
         return doubts
 
-    def _decide(self, number: int, doubts: NDArray[Any], points: Floats, found: NDArray[Any]) -> Ints:
+    def _decide(self, number: int, doubts: Records, points: Floats, found: Records) -> Ints:
         """Let the plugin answer what the kernel left open, and improve ``found``; returns the points still open."""
-        part, point = self._parts[number], doubts["point"].astype(np.int64)
+        part = self._parts[number]
+        point: Ints = doubts["point"].astype(np.int64)
         if part.solve is None or not len(doubts):
             return point
         solution = part.solve(doubts["element"].astype(np.int64), points[point])
@@ -137,7 +138,7 @@ def _run(kernel: Kernel, count: int, buffers: dict[str, Buffer], lists: dict[str
     kernel(count, {**buffers, **lists})
 
 
-def _places(found: NDArray[Any], ids: Ints, failed: Ints) -> Places:
+def _places(found: Records, ids: Ints, failed: Ints) -> Places:
     """Indices of elements become element ids; ``failed`` lists points that some element may hold."""
     outside, element = found["element"] == NOBODY, ids.take(found["element"], mode="clip")
     status = np.where(outside, Status.MISS, np.where(found["margin"] <= BORDER, Status.AMBIGUOUS, Status.CERTAIN))

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elvis.core.arrays import Records
 from elvis.plugins.volume import Part
 from elvis.scene.view import PlaneView
 
 
-def prove(parts: Sequence[Part], view: PlaneView, candidates: NDArray[Any]) -> NDArray[Any]:
+def prove(parts: Sequence[Part], view: PlaneView, candidates: Records) -> Records:
     """The candidates, by index of the element in the volume, with the results of the parts that can give some."""
     candidates, first = candidates.copy(), np.cumsum([0, *map(len, parts)])
     pixel, element = candidates["pixel"].astype(np.int64), candidates["element"].astype(np.int64)

@@ -6,9 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.arrays import Floats, Ints, Records
 from elvis.renderer.camera import record_of
 from elvis.renderer.device import Kernel
 from elvis.renderer.device_volume import DeviceVolume
@@ -24,7 +23,7 @@ _HELD = ("owner", "status", "reference", "depth", "normal", "uncertainty", "doub
 
 
 def listed_in_tiles(
-    loaded: DeviceVolume, kernel: Kernel, name: str, records: NDArray[Any], ends: tuple[Ints, Ints], view: View
+    loaded: DeviceVolume, kernel: Kernel, name: str, records: Records, ends: tuple[Ints, Ints], view: View
 ) -> tuple[dict[str, Buffer], Ints]:
     """Buffers of records (n,) by the kernel's name of them, and of their tiles; how many each tile has to look at.
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints, Records
 from elvis.core.mapping.margins import TOLERANCE
 from elvis.core.mapping.orientation import chunks
 from elvis.core.shapes import Shape
@@ -81,7 +81,7 @@ class SquarePatches:
 
     number: int
     shape: Shape
-    records: NDArray[Any]
+    records: Records
     edges: Edges
 
 
@@ -100,7 +100,7 @@ class FacesInView:
     view: View | None = None
     window: View | None = None
     in_view: list[tuple[FacePatches, Edges]] = field(default_factory=list)
-    tiled: dict[tuple[int, bool, np.dtype[Any]], tuple[NDArray[Any], NDArray[Any], NDArray[np.uint32]]] = field(
+    tiled: dict[tuple[int, bool, np.dtype[Any]], tuple[Records, Records, NDArray[np.uint32]]] = field(
         default_factory=dict
     )
 
@@ -143,7 +143,7 @@ class FaceDrawer:
 
     def hits(
         self, view: View, select: Sequence[str] | Bools = ("all",), rows: tuple[int, int] | None = None
-    ) -> NDArray[Any]:
+    ) -> Records:
         """All hits on the faces that ``select`` names, for the pixels of some rows of a picture: by pixel and depth.
 
         select  as words; or (elements,) whether all faces of an element count, by its index
@@ -162,7 +162,7 @@ class FaceDrawer:
         if rows is None:
             return hits
         row = view.places(hits["pixel"])[1]
-        wanted: NDArray[Any] = hits[(row >= rows[0]) & (row < rows[1])]
+        wanted: Records = hits[(row >= rows[0]) & (row < rows[1])]
         return wanted
 
     def near_squares(self, view: View, select: Sequence[str]) -> Iterator[SquarePatches]:
@@ -182,9 +182,7 @@ class FaceDrawer:
             records = self._patch_records(index, rows, patches, kernel.dtype("patches"))
             yield SquarePatches(block.part, block.space.shape, records, edges)
 
-    def visible_patches(
-        self, view: View, chosen: Bools, number: int, kernel: Kernel
-    ) -> tuple[NDArray[Any], NDArray[Any]]:
+    def visible_patches(self, view: View, chosen: Bools, number: int, kernel: Kernel) -> tuple[Records, Records]:
         """FacePatch records of chosen elements of a part, one element's together, near ones first; and a FaceView.
 
         chosen  (elements,) by index
@@ -201,9 +199,7 @@ class FaceDrawer:
         is_seen = is_in_picture(view, patches["least"], patches["most"])
         return patches[is_seen], self._view_record(kernel, view, close=CLOSE)
 
-    def _part_patches(
-        self, view: View, select: Sequence[str] | Bools, number: int, dtype: np.dtype[Any]
-    ) -> NDArray[Any]:
+    def _part_patches(self, view: View, select: Sequence[str] | Bools, number: int, dtype: np.dtype[Any]) -> Records:
         """Records of all patches of a part that are seen."""
         in_view = self._patches(view, select)
         found = [np.empty(0, dtype)]
@@ -256,7 +252,7 @@ class FaceDrawer:
 
     def _tiled(
         self, view: View, select: Sequence[str] | Bools, number: int, kernel: Kernel, is_first: bool
-    ) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.uint32]]:
+    ) -> tuple[Records, Records, NDArray[np.uint32]]:
         """Records of patches of a part, near ones first; of tiles; which patches each tile lists. Kept for the view."""
         key = number, is_first, kernel.dtype("patches")
         if key not in self._last.tiled:
@@ -312,7 +308,7 @@ class FaceDrawer:
         first = self.loaded.first
         return [np.flatnonzero(choice[first[block.part] + block.element]) for block in self.faces.blocks]
 
-    def _patch_records(self, number: int, chosen: Ints, patches: FacePatches, dtype: np.dtype[Any]) -> NDArray[Any]:
+    def _patch_records(self, number: int, chosen: Ints, patches: FacePatches, dtype: np.dtype[Any]) -> Records:
         """FacePatch records (face.slang) of patches of a block's faces in the rows ``chosen``."""
         block = self.faces.blocks[number]
         rows = chosen[patches.face]
@@ -338,13 +334,13 @@ class FaceDrawer:
         record["second"] = in_element[:, 2]
         return record
 
-    def _view_record(self, kernel: Kernel, view: View, **values: Any) -> NDArray[Any]:
+    def _view_record(self, kernel: Kernel, view: View, **values: Any) -> Records:
         """The FaceView record (face.slang)."""
         uncertain = {"tie": self._tie(view), "misplaced": misplaced(view, self.loaded.extent)}
         return record_of(kernel, "view", view, **uncertain, **values)
 
 
-def pixel_bounds(patches: NDArray[Any], view: View) -> tuple[Ints, Ints]:
+def pixel_bounds(patches: Records, view: View) -> tuple[Ints, Ints]:
     """The minimum and the maximum (n, 4) of what bounds the pixels that FacePatch records have there."""
     if view.part_of is None:
         return patches["least"], patches["most"]
@@ -368,7 +364,7 @@ def _same(one: tuple[str, ...] | Bools, other: tuple[str, ...] | Bools) -> bool:
     return np.array_equal(one, other)
 
 
-def _without_repeats(hits: NDArray[Any], tie: float) -> NDArray[Any]:
+def _without_repeats(hits: Records, tie: float) -> Records:
     """Hits by pixel and depth, each once: patches of a face share their borders, where both of them are met."""
     hits = hits[np.lexsort((hits["depth"], hits["face"], hits["pixel"]))]
     same_face = np.diff(hits["face"].astype(np.int64)) == 0

@@ -9,9 +9,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints, Records
 from elvis.core.chebyshev_models.series_boxes import SeriesBoxes
 from elvis.core.mapping.boxes import Boxes
 from elvis.core.polynomials.chebyshev_nodes import series
@@ -230,7 +229,7 @@ class IsosurfaceDrawer:
         if len(boxes.unmodelled):
             yield replace(level, elements=boxes.unmodelled)
 
-    def _whole(self, split: Kernel, level: Level) -> NDArray[Any]:
+    def _whole(self, split: Kernel, level: Level) -> Records:
         """Some elements of a part that may have the value, or boxes of them, as sub-elements."""
         if level.boxes is not None:
             boxes = level.boxes
@@ -244,7 +243,7 @@ class IsosurfaceDrawer:
         sub_elements["error"] = self.traversal.rounding(level.number, level.quantity, level.value)[elements]
         return sub_elements
 
-    def _sub_elements(self, level: Level, parents: NDArray[Any], whole: bool) -> NDArray[Any]:
+    def _sub_elements(self, level: Level, parents: Records, whole: bool) -> Records:
         """Elements, or parts of sub-elements, to draw, in order of depth."""
         of_polynomials = self.traversal.degree(level.number, level.quantity) > 0
         is_enclosed = self._is_enclosed(level.number, level.quantity)
@@ -266,7 +265,7 @@ class IsosurfaceDrawer:
                 break
         return self._sort_by_depth(_visible(level, _join(done)))
 
-    def _keep(self, level: Level, parents: NDArray[Any], halved: bool, last: bool) -> NDArray[Any]:
+    def _keep(self, level: Level, parents: Records, halved: bool, last: bool) -> Records:
         """The remaining sub-elements, subdivided three times or unchanged; the ``last`` are not subdivided further."""
         number, quantity = level.number, level.quantity
         split = self._kernel("iso_split", number, quantity)
@@ -292,7 +291,7 @@ class IsosurfaceDrawer:
         count = int(self.device.read(lists["count"], np.uint32)[0])
         return self.device.read(lists["sub_elements"], parents.dtype)[:count].copy()
 
-    def _sort_by_depth(self, sub_elements: NDArray[Any]) -> NDArray[Any]:
+    def _sort_by_depth(self, sub_elements: Records) -> Records:
         self.counts["undefined"] += len(np.unique(sub_elements["element"][sub_elements["outcome"] == UNDEFINED]))
         sub_elements = sub_elements[sub_elements["outcome"] != UNDEFINED]
         self.counts["sub_elements"] += len(sub_elements)
@@ -333,7 +332,7 @@ class IsosurfaceDrawer:
         boxes = {"box_models": self._constants(level.number, level.quantity)["box_models"]}
         return replace(level, buffers={**boxes, **level.buffers, **models})
 
-    def portions(self, level: Level) -> Iterator[tuple[Level, NDArray[Any]]]:
+    def portions(self, level: Level) -> Iterator[tuple[Level, Records]]:
         """Whole elements that are drawn together; where their quantity is enclosed, with the series of their leaves."""
         number, quantity = level.number, level.quantity
         kernel = self._kernel("iso_split", number, quantity)
@@ -365,8 +364,8 @@ class IsosurfaceDrawer:
             yield portion, some
 
     def _boxes_at_once(
-        self, level: Level, boxes: SeriesBoxes, sub_elements: NDArray[Any]
-    ) -> Iterator[tuple[Level, NDArray[Any]]]:
+        self, level: Level, boxes: SeriesBoxes, sub_elements: Records
+    ) -> Iterator[tuple[Level, Records]]:
         """Boxes that are drawn together, with their series, nearest first, without those that are hidden."""
         sections, near = _sections_of(level.view, boxes)
         open_boxes = sections.element[~level.hides(sections, near)].astype(np.int64)
@@ -411,7 +410,7 @@ class IsosurfaceDrawer:
         }
         kernel(count, lists, groups=True)
 
-    def _chunks(self, level: Level, sub_elements: NDArray[Any]) -> list[NDArray[Any]]:
+    def _chunks(self, level: Level, sub_elements: Records) -> list[Records]:
         """Sub-elements that are drawn together: as many as the device has room for the series of."""
         if self.traversal.degree(level.number, level.quantity) > 0:
             return [sub_elements]
@@ -468,7 +467,7 @@ class IsosurfaceDrawer:
             **dict.fromkeys(("leaf_series", "map_series", "grid_errors", "box_models"), np.zeros(1)),
         }
 
-    def _fits(self, level: Level, sub_elements: NDArray[Any]) -> Buffer:
+    def _fits(self, level: Level, sub_elements: Records) -> Buffer:
         """The series of a quantity that is not a polynomial over sub-elements."""
         number, quantity = level.number, level.quantity
         if not self._has_series(number, quantity):
@@ -489,7 +488,7 @@ class IsosurfaceDrawer:
         self,
         draw: Kernel,
         level: Level,
-        sub_elements: NDArray[Any],
+        sub_elements: Records,
         where: Ints | None,
         level_view: Callable[..., Buffer],
     ) -> tuple[Ints, Ints]:
@@ -539,7 +538,7 @@ def _sections_of(view: View, boxes: SeriesBoxes) -> tuple[Sections, Floats]:
     return sections, view.depth_of(corners[sections.element]).min(axis=1)
 
 
-def _visible(level: Level, sub_elements: NDArray[Any]) -> NDArray[Any]:
+def _visible(level: Level, sub_elements: Records) -> Records:
     """The sub-elements, among the given ones, that earlier hits do not hide."""
     if level.occlusion is None:
         return sub_elements
@@ -548,19 +547,19 @@ def _visible(level: Level, sub_elements: NDArray[Any]) -> NDArray[Any]:
     return np.asarray(sub_elements[~hidden | is_counted])
 
 
-def _pairs(parent: NDArray[Any], place: Ints) -> Ints:
+def _pairs(parent: Records, place: Ints) -> Ints:
     """(n,) numbers of pairs of sub-elements (n,) and places (n,) of tiles."""
     return np.asarray(parent.astype(np.int64) << 40 | place)
 
 
-def _chosen(tiles: NDArray[Any], chosen: Bools) -> NDArray[Any]:
+def _chosen(tiles: Records, chosen: Bools) -> Records:
     """Tile records that have only the chosen ones (m,) of all that they list."""
     ends = np.append(0, np.cumsum(chosen))
     tiles["first"], tiles["end"] = ends[tiles["first"]], ends[tiles["end"]]
     return tiles[tiles["first"] < tiles["end"]]
 
 
-def _join(sub_elements: list[NDArray[Any]]) -> NDArray[Any]:
+def _join(sub_elements: list[Records]) -> Records:
     """Sub-elements of all lists, in the layout of the kernels, which may have gaps."""
     return np.concatenate(sub_elements, dtype=sub_elements[0].dtype)
 

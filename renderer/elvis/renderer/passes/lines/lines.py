@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints, Records
 from elvis.renderer.camera import record_of
 from elvis.renderer.device import ROWS, Device
 from elvis.renderer.device_volume import DeviceVolume
@@ -113,7 +113,7 @@ class Lines:
         self._run("line_draw", view, hits, items, buffers, quantity, **size)
         return Marks(self._device, buffers["marks"], width, hits.owner, NOTHING - MOST + 1)
 
-    def strokes(self, view: View, hits: HitBuffer, values: Floats, quantity: str | None = None) -> NDArray[Any]:
+    def strokes(self, view: View, hits: HitBuffer, values: Floats, quantity: str | None = None) -> Records:
         """Lines as short straight ones, the records Stroke of line.slang; including hidden ones."""
         buffers, items, size = self._prepare(view, hits, values, 1.0, quantity)
         kernel = self._device.kernel("line_draw", self._loaded.parts[0], quantity)
@@ -126,7 +126,7 @@ class Lines:
 
     def _prepare(
         self, view: View, hits: HitBuffer, values: Floats, width: float, quantity: str | None
-    ) -> tuple[dict[str, Buffer], NDArray[Any], dict[str, float]]:
+    ) -> tuple[dict[str, Buffer], Records, dict[str, float]]:
         """Inputs of line_draw for contours: buffers, items to search, and numbers of its record."""
         _check(len(values) <= MOST, f"at most {MOST} contour values are drawn at once, found {len(values)}")
         levels = np.sort(np.asarray(values, dtype=np.float64))
@@ -160,7 +160,7 @@ class Lines:
             "marks": self._device.buffer(np.full(view.count, NOTHING, np.uint32)),
         }
 
-    def _slivers(self, view: View, hits: HitBuffer, levels: Floats, quantity: str | None) -> tuple[Ints, NDArray[Any]]:
+    def _slivers(self, view: View, hits: HitBuffer, levels: Floats, quantity: str | None) -> tuple[Ints, Records]:
         """Pixels (n,), and elements (n,) whose thin sections may show in their squares but own none of nine around."""
         assert hits.sections is not None
         sections, (ends, _) = hits.sections, self._loaded.every(quantity)
@@ -183,7 +183,7 @@ class Lines:
 
     def _find_items(
         self, view: View, hits: HitBuffer, buffers: dict[str, Buffer], levels: int, smooth: bool
-    ) -> NDArray[Any]:
+    ) -> Records:
         """The items that line_find.slang lists."""
         kernel = self._device.kernel("line_find")
         strips = view.width * -(-view.height // ROWS[self._device.adapter.software])
@@ -198,7 +198,7 @@ class Lines:
         stage: str,
         view: View,
         hits: HitBuffer,
-        items: NDArray[Any],
+        items: Records,
         buffers: dict[str, Buffer],
         quantity: str | None = None,
         **size: float,
@@ -213,7 +213,7 @@ class Lines:
                 own = self._draw_first(work, own)
             self._run_part(work, own)
 
-    def _draw_first(self, work: _Work, own: NDArray[Any]) -> NDArray[Any]:
+    def _draw_first(self, work: _Work, own: Records) -> Records:
         """Draws contours in squares that take few cells; returns the items of the rest, which keep others waiting."""
         unsure = np.flatnonzero(own["whole"] != 1)
         if len(unsure) > _SIFTED:
@@ -223,14 +223,14 @@ class Lines:
             own = own.take(np.flatnonzero(possible))
         return own.take(np.flatnonzero(self._tell(work, own, _MANY)))
 
-    def _tell(self, work: _Work, own: NDArray[Any], what: int) -> NDArray[np.uint32]:
+    def _tell(self, work: _Work, own: Records, what: int) -> NDArray[np.uint32]:
         """Results (n,) of line_draw for the items' squares, 1 for yes."""
         count = len(own)
         work.buffers["told"] = self._device.empty(np.uint32, count)
         self._run_part(replace(work, size={**work.size, "telling": what}), own)
         return self._device.read(work.buffers["told"], np.uint32, count)
 
-    def _run_part(self, work: _Work, own: NDArray[Any]) -> None:
+    def _run_part(self, work: _Work, own: Records) -> None:
         """A stage over items of a part."""
         count = len(own)
         if not count:
@@ -270,7 +270,7 @@ class Lines:
         return np.asarray(rows[np.unique(np.round(rows, 9), axis=0, return_index=True)[1]])
 
 
-def _work_items(pixel: Ints, element: NDArray[Any], dtype: np.dtype[Any], whole: int = 0) -> NDArray[Any]:
+def _work_items(pixel: Ints, element: Records, dtype: np.dtype[Any], whole: int = 0) -> Records:
     """(n,) WorkItem records of line.slang: elements hit at pixels, to be searched around these."""
     items = np.zeros(len(pixel), dtype)
     items["pixel"] = items["base"] = pixel
@@ -302,7 +302,7 @@ def _near_others(owner: NDArray[np.uint32], steps: int) -> Bools:
     return near
 
 
-def _thin(sections: NDArray[Any], owner: NDArray[np.uint32], elements: int) -> Bools:
+def _thin(sections: Records, owner: NDArray[np.uint32], elements: int) -> Bools:
     """(n,) sections with few pixels for how long they are; their pixels are counted in every fourth row."""
     sides = sections["most"] - sections["least"] + 1
     length = np.maximum(sides[:, :2].max(axis=1), sides[:, 2:].max(axis=1) / np.sqrt(2))

@@ -7,11 +7,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from time import perf_counter
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elvis.core.arrays import Records
 from elvis.plugins.volume import Part
 from elvis.renderer.camera import record_of
 from elvis.renderer.device import Device, Given, Kernel, guess_nodes
@@ -90,9 +89,7 @@ class Cutter:
             some["element"] += np.uint32(first)
         return self._hits(view, pixels, held, np.concatenate(every) if every else None)
 
-    def _hits(
-        self, view: PlaneView, pixels: Pixels, held: dict[str, Buffer], sections: NDArray[Any] | None
-    ) -> HitBuffer:
+    def _hits(self, view: PlaneView, pixels: Pixels, held: dict[str, Buffer], sections: Records | None) -> HitBuffer:
         """The hit buffer on the device, with depths and the normal from the plane."""
         normal, hit = view.normal(), pixels.owner != NOBODY
         made = {
@@ -102,7 +99,7 @@ class Cutter:
         known = {"owner": pixels.owner, "status": pixels.status, "flat": normal, "sections": sections}
         return HitBuffer.on_device(self.device, held, made, offset=float(normal @ view.plane.point), **known)
 
-    def _draw_part(self, number: int, view: PlaneView, sections: NDArray[Any], image: Given) -> NDArray[Any]:
+    def _draw_part(self, number: int, view: PlaneView, sections: Records, image: Given) -> Records:
         """All stages for one part; returns the deferred candidates, searched again, with indices in the volume."""
         part, buffers = self.parts[number], {**self.buffers[number], **image}
 
@@ -127,7 +124,7 @@ class Cutter:
         with self.clock.stage("retry"):
             return self._retry(number, view, candidates)
 
-    def _sections(self, number: int, view: PlaneView) -> NDArray[Any]:
+    def _sections(self, number: int, view: PlaneView) -> Records:
         """Sections of one part, in order of elements."""
         part = self.parts[number]
         cull = self._kernel("cut_cull", part)
@@ -135,7 +132,7 @@ class Cutter:
         sections = self.device.appended("sections", cull, lambda lists: cull(len(part), {**buffers, **lists}))
         return sections[np.argsort(sections["element"])]
 
-    def _retry(self, number: int, view: PlaneView, candidates: NDArray[Any]) -> NDArray[Any]:
+    def _retry(self, number: int, view: PlaneView, candidates: Records) -> Records:
         """Candidates with indices in the volume; without a proof, a thorough search decides as many as possible."""
         if self.parts[number].solve is not None or not len(candidates):
             candidates["element"] += np.uint32(self.first[number])
@@ -159,7 +156,7 @@ class Cutter:
         record["slack"] = 1e-12 * (self.extent + float(np.abs(view.plane.point).max()))
         return self.device.buffer(record)
 
-    def _commit(self, committed: list[NDArray[Any]], image: Given) -> None:
+    def _commit(self, committed: list[Records], image: Given) -> None:
         """Let an image hold what the candidates for its pixels say."""
         if not sum(map(len, committed)):
             return
@@ -173,7 +170,7 @@ class Cutter:
         kernel(len(candidates), {**image, **{name: self.device.buffer(array) for name, array in data.items()}})
 
 
-def _candidates(device: Device, count: int) -> NDArray[Any]:
+def _candidates(device: Device, count: int) -> Records:
     """Empty Candidate records (cut.slang)."""
     return np.zeros(count, device.kernel("cut_commit").dtype("candidates"))
 

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from numpy.typing import NDArray
-
+from elvis.core.arrays import Records
 from elvis.core.streamlines.line_pieces import Pieces
 from elvis.core.streamlines.ribbons import Ribbons
 from elvis.renderer.piece_drawer import PieceDrawer, flattened, greatest_bend
@@ -24,7 +21,7 @@ class RibbonDrawer(PieceDrawer[Ribbons]):
         """Their middle."""
         return shown.pieces
 
-    def fill(self, records: NDArray[Any], shown: Ribbons, seen: PiecesInView) -> None:
+    def fill(self, records: Records, shown: Ribbons, seen: PiecesInView) -> None:
         """The vectors across, and how far the strip may be off: as far as these leave the solution at its edges."""
         across = part_of(shown.across[seen.number], seen.place)
         records["across"] = flattened(across)

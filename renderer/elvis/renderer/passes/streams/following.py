@@ -14,9 +14,8 @@ from itertools import islice
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints, Records
 from elvis.core.mapping.locate import Locator
 from elvis.core.polynomials.expansion import mode_count
 from elvis.core.streamlines import dop853, entries, tracer
@@ -207,7 +206,7 @@ class DeviceTracer(Tracer):
         slow = lines[found["is_slow"] > 0]
         self._inspect(slow)
 
-    def _records(self, stage: _Stage, lines: Ints, most: int, layout: np.dtype[Any]) -> NDArray[Any]:
+    def _records(self, stage: _Stage, lines: Ints, most: int, layout: np.dtype[Any]) -> Records:
         """Lines as the device has them."""
         record = np.zeros(len(lines), layout)
         state, width = self.state[lines], self._width[lines]
@@ -221,7 +220,7 @@ class DeviceTracer(Tracer):
         record["most"] = np.clip(self.limits.steps - self._steps[lines] - 1, 0, most)
         return record
 
-    def _take(self, stage: _Stage, lines: Ints, found: NDArray[Any]) -> None:
+    def _take(self, stage: _Stage, lines: Ints, found: Records) -> None:
         """Go on from where the device has left lines."""
         moved = np.flatnonzero(found["count"])
         lines, found = lines[moved], found[moved]
@@ -236,7 +235,7 @@ class DeviceTracer(Tracer):
         self._steps[lines] += found["count"]
         self._turns[lines] = 0
 
-    def _piece(self, stage: _Stage, lines: Ints, steps: NDArray[Any]) -> Piece:
+    def _piece(self, stage: _Stage, lines: Ints, steps: Records) -> Piece:
         """Steps of the device as the host has them."""
         patch, row = stage.patch[steps["element"]], stage.row[steps["element"]]
         nets, ends = self._states(steps["nets"]), self._states(steps["end"])
@@ -248,7 +247,7 @@ class DeviceTracer(Tracer):
             return found
         return np.concatenate([found[..., : self._dimension], found[..., 3:]], axis=-1)
 
-    def _facts(self, layout: np.dtype[Any], stage: _Stage, most: int) -> NDArray[Any]:
+    def _facts(self, layout: np.dtype[Any], stage: _Stage, most: int) -> Records:
         """Constants of all lines."""
         facts = np.zeros(1, layout)
         limits = self.limits
@@ -317,7 +316,7 @@ def _vertices(places: Floats) -> Floats:
     return found
 
 
-def _sides(neighbours: Neighbours, patch: int, layout: np.dtype[Any]) -> NDArray[Any]:
+def _sides(neighbours: Neighbours, patch: int, layout: np.dtype[Any]) -> Records:
     """The sides of a shape."""
     own = neighbours.sides(patch)
     found = np.zeros(len(own.corners), layout)
@@ -329,7 +328,7 @@ def _sides(neighbours: Neighbours, patch: int, layout: np.dtype[Any]) -> NDArray
     return found
 
 
-def _doors(neighbours: Neighbours, patches: list[int], number: Ints, layout: np.dtype[Any]) -> NDArray[Any]:
+def _doors(neighbours: Neighbours, patches: list[int], number: Ints, layout: np.dtype[Any]) -> Records:
     """Elements beyond the sides of a part's elements."""
     parts = []
     for patch in patches:

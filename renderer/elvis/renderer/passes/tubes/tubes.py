@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from elvis.core.arrays import Records
 from elvis.core.streamlines.line_pieces import Pieces
 from elvis.renderer.piece_drawer import PieceDrawer
 from elvis.renderer.pieces_in_view import PiecesInView
@@ -24,7 +22,7 @@ class TubeDrawer(PieceDrawer[Pieces]):
         """They are that."""
         return shown
 
-    def fill(self, records: NDArray[Any], shown: Pieces, seen: PiecesInView) -> None:
+    def fill(self, records: Records, shown: Pieces, seen: PiecesInView) -> None:
         """How far curves may be off, and how far their points are from their middles."""
         records["deviation"] = shown.deviation[seen.number]
         # |P(u) - P(0)| is at most the sum of the lengths of all other coefficients

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Ints
+from elvis.core.arrays import Bools, Ints, Records
 from elvis.renderer.compositing import FragmentLists
 from elvis.renderer.copied import Copy, is_in_view, surrounding_copies
 from elvis.renderer.device import Kernel
@@ -58,7 +58,7 @@ class _VisibleElements:
     quantity: str | None
     view: View
     kernel: Kernel
-    tiles: NDArray[Any]
+    tiles: Records
     rows: Ints
     data: dict[str, NDArray[Any]]
     proof: dict[str, Buffer] = field(default_factory=dict)
@@ -79,7 +79,7 @@ class _Band:
     """
 
     places: Ints
-    lists: NDArray[Any]
+    lists: Records
     likely: Ints
 
     def __len__(self) -> int:
@@ -95,7 +95,7 @@ class _Band:
         self.lists["room"] = rooms
         self.lists["base"] = np.cumsum(rooms) - rooms
 
-    def of(self, some: _VisibleElements) -> tuple[Bools, NDArray[Any]]:
+    def of(self, some: _VisibleElements) -> tuple[Bools, Records]:
         """(m,) which of the tiles with something of a part are in the band, and the lists of these."""
         at = np.minimum(np.searchsorted(self.places, some.places), len(self) - 1)
         held = self.places[at] == some.places
@@ -345,7 +345,7 @@ class _March:
                 return lists
             band.give(np.maximum(needed, band.lists["room"]))
 
-    def _stops(self, pixel: Ints) -> tuple[NDArray[Any], NDArray[np.int32]]:
+    def _stops(self, pixel: Ints) -> tuple[Records, NDArray[np.int32]]:
         """Stop records (m, k) along the rays of pixels (m,), and how many clips hide what comes before."""
         if not self.visibility.most:
             return np.zeros(0, self.march.dtype("stops")), np.zeros(0, np.int32)
