@@ -76,6 +76,7 @@ for text in sys.argv[1:]:
 """
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize(("suffix", "program", "package"), [("msh", GMSH, "gmsh"), ("vtu", VTK, "vtk")])
 @pytest.mark.parametrize("shape", SHAPES)
 def test_other_programs_read_the_same_values(tmp_path, shape, suffix, program, package):

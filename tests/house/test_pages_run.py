@@ -50,7 +50,7 @@ def sooner(words):
     # which has seeds alone after --streamlines
     if words[0] == "extract":
         return words
-    if words[0] == "render":
+    if words[0] in ("render", "animate"):
         found += ["--size", "80x60", "--samples", "1"]
     if words[0] == "compare" and not any(word.endswith(".npz") for word in words):
         found += ["--size", "24x18"]
@@ -86,13 +86,13 @@ def test_commands_of_the_readme_run_in_an_empty_folder(tmp_path, monkeypatch):
         assert outcome.exception is None, f"{words}: {outcome.exception}"
 
 
-@pytest.mark.sampled(least=len(WITH_COMMANDS) // 5, free=("page",))
+@pytest.mark.sampled(least=len(WITH_COMMANDS) // 8, free=("page",))
 @pytest.mark.parametrize("page", WITH_COMMANDS)
 def test_commands_run(page, run_commands):
     run_commands(page)
 
 
-@pytest.mark.sampled(least=len(WITH_PYTHON) // 3, free=("page",))
+@pytest.mark.sampled(least=len(WITH_PYTHON) // 5, free=("page",))
 @pytest.mark.parametrize("page", WITH_PYTHON)
 def test_python_examples_run(root, page, page_folder):
     """Those of one page follow one another; what needs a library that is not installed is left out."""

@@ -160,6 +160,7 @@ DRAWN = {
 }
 
 
+@pytest.mark.sampled
 @pytest.mark.parametrize("field", ["u", "vorticity_z"])
 @pytest.mark.parametrize("drawn", DRAWN.values(), ids=DRAWN)
 def test_the_mirror_image_is_that_of_a_mirrored_file(data, mirrored, drawn, field):
@@ -217,6 +218,7 @@ def check_reference(data, field, **options):
 FIELDS = ["u", "vorticity_y", "d(u,y)+d(v,x)", "q_criterion", "p", "x+2*y", "nx"]
 
 
+@pytest.mark.sampled(least=3, free=("field",))
 @pytest.mark.parametrize("field", FIELDS)
 def test_turned_and_mirrored_copies_are_those_of_the_reference(data, field):
     options = {"mirror": "-0.3,0,0:1,-0.2,0.1", "turn": "-0.3,-1.3,0:0.1,0,1:3", "faces": "all", "size": 40}
