@@ -112,7 +112,9 @@ def parts(size, *paths, is_kept=True):
     return found, Cubes.made - before
 
 
-def test_the_first_conversion_has_the_requested_fields_and_the_second_all(home, case):
+@pytest.mark.parametrize("mapped", [kept_conversions._MAPPED, -1])
+def test_the_first_conversion_has_the_requested_fields_and_the_second_all(home, case, monkeypatch, mapped):
+    monkeypatch.setattr(kept_conversions, "_MAPPED", mapped)
     path = case(slope=3)
 
     def converted(*texts):
@@ -125,6 +127,8 @@ def test_the_first_conversion_has_the_requested_fields_and_the_second_all(home, 
     assert converted("2*v^2")[1:] == ("v", 0)
     # the empty text is the first field of the file, not of the cached data
     assert converted("")[1:] == ("uv", 1)
+    # the first conversion, and files next to it, are gone
+    assert len({kept.name[:40] for kept in home.iterdir()}) == 1
     assert converted("v")[1:] == converted()[1:] == ("uv", 0)
     assert same(first.field("v"), converted()[0].field("v"))
     assert same(first.mesh, converted()[0].mesh)

@@ -182,8 +182,12 @@ def load_or_convert(work: Work, is_kept: bool = True) -> Dataset:
         work = replace(work, choose=None)
 
     def keep(result: _Result) -> None:
-        if keys and _digests(work.paths) == before:
-            _keep(store, keys[0 if result.is_whole else 1], result, remarks)
+        if not keys or _digests(work.paths) != before:
+            return
+        whole, partial = keys
+        _keep(store, whole if result.is_whole else partial, result, remarks)
+        if result.is_whole:
+            store.remove(partial)
 
     dataset = _convert(work, keep)
     return replace(dataset, remarks=(*dataset.remarks, *remarks))

@@ -204,6 +204,12 @@ class Store:
         file.seek(begin)
         return file.read(int.from_bytes(file.read(_LENGTH), "little")), file
 
+    def remove(self, key: bytes) -> None:
+        """Remove the result with this key, and the files next to it, as far as the system allows."""
+        for path in self.folder.glob(f"{self.place(key).stem}*.{self.kind}"):
+            with suppress(OSError):
+                path.unlink()
+
     def note_use(self, path: Path) -> None:
         """Let a file that was used count as new; once a day is enough."""
         with suppress(OSError):
