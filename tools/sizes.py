@@ -13,9 +13,11 @@ import io
 import re
 import sys
 import tokenize
+from array import array
 from bisect import bisect_left, bisect_right
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -67,7 +69,7 @@ def oversized(root: Path) -> Iterator[tuple[str, int]]:
 def function_sizes(text: str) -> Iterator[tuple[str, int]]:
     """Names of the functions of a module and their tokens, those of functions inside included."""
     tree = ast.parse(text)
-    lines = sorted(token.start[0] for token in code_tokens(text))
+    lines = token_lines(text)
     for node in ast.walk(tree):
         if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
             last = node.end_lineno or node.lineno
@@ -92,15 +94,17 @@ def print_table() -> None:
 
 def python_size(text: str) -> tuple[int, int]:
     """Tokens and lines of a module, docstrings aside."""
-    lines = [token.start[0] for token in code_tokens(text)]
+    lines = token_lines(text)
     return len(lines), len(set(lines))
 
 
-def code_tokens(text: str) -> list[tokenize.TokenInfo]:
-    """The tokens of a module without comments, docstrings and layout."""
+@cache
+def token_lines(text: str) -> Sequence[int]:
+    """Lines, in order, of the tokens of a module without comments, docstrings and layout."""
     silent = docstring_lines(ast.parse(text))
     tokens = whole_strings(tokenize.generate_tokens(io.StringIO(text).readline))
-    return [token for token in tokens if token.type not in LAYOUT and token.start[0] not in silent]
+    lines = (token.start[0] for token in tokens if token.type not in LAYOUT)
+    return array("l", sorted(line for line in lines if line not in silent))
 
 
 def whole_strings(tokens: Iterator[tokenize.TokenInfo]) -> Iterator[tokenize.TokenInfo]:
