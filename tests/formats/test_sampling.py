@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from elvis import Dataset, ElvisError, Shape, line, sample
+from elvis.core import sampling
 from elvis.core.hints import nearest, perhaps
 from elvis.core.patch import patches
 from elvis.core.quantities.element_points import ElementPoints
+from elvis.core.ranks import ALONE
 from elvis.core.testing import approximated, curved, grid, mixed_plane, ripple
 
 POINTS = [(0.21, 0.34), (0.8, 0.77), (5.0, 5.0)]
@@ -118,6 +120,17 @@ def test_no_points_are_no_results(solid):
     assert len(found) == 0
     assert found["w"].shape == (0,)
     assert "0 points" in repr(found)
+
+
+@pytest.mark.parametrize("count", [0, 6, 7, 23])
+def test_points_are_taken_some_at_a_time(plane, monkeypatch, count):
+    points = np.random.default_rng(8).uniform(-0.2, 1.2, (count, 3)) * [1, 1, 0]
+    whole = sample(plane, "u", points).columns()
+    monkeypatch.setattr(sampling, "_POINTS_AT_ONCE", 7)
+    found = sampling.by_points(lambda some: sample(plane, "u", some).columns(), points, ["u"], ALONE)
+    assert list(found) == list(whole)
+    for name, column in whole.items():
+        np.testing.assert_array_equal(found[name], column)
 
 
 def test_an_unknown_quantity_is_reported(plane):
