@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints, distinct_bits, distinct_sides, uses_of
 from elvis.core.distances.crossings import EQUAL, by_solid_angle, crossings_in_plane, windings
 from elvis.core.distances.surface_patches import SurfacePatches
 from elvis.core.needing import require_module
@@ -18,14 +18,14 @@ _BEFORE = 1e-6
 
 def is_closed(loops: Sequence[Ints]) -> bool:
     """Whether each side of faces, whose vertices are given in order (n, k), belongs to two faces."""
-    # the sides of a line are its two ends
-    in_plane = loops[0].shape[1] == 2
-    sides = np.concatenate([loop.reshape(-1, 1) if in_plane else _sides_around(loop) for loop in loops])
+    first, which = distinct_sides([view for loop in loops for view in _views_of_sides(loop)])
+    return bool((uses_of(which, len(first)) == 2).all())
 
-    # one that is shared is run through in either direction
-    unordered = np.sort(sides, axis=1)
-    _, counts = np.unique(unordered, axis=0, return_counts=True)
-    return bool((counts == 2).all())
+
+def _views_of_sides(loop: Ints) -> list[tuple[Ints, tuple[int, ...]]]:
+    """The columns of each side of faces, whose vertices are given in order (n, k); sides of a line are its two ends."""
+    count = loop.shape[1]
+    return [(loop, (k,) if count == 2 else (k, (k + 1) % count)) for k in range(count)]
 
 
 def _sides_around(loop: Ints) -> Ints:
@@ -60,7 +60,7 @@ def sides_of_triangles(points: Floats, triangles: Ints) -> Ints:
 def _agree(triangles: Ints) -> bool:
     """Whether neighbours run along their common side in opposite ways."""
     directed = _sides_around(triangles)
-    return len(np.unique(directed, axis=0)) == len(directed)
+    return len(distinct_bits(directed)[0]) == len(directed)
 
 
 def sides_of_faces(loops: Sequence[Ints], patches: Sequence[SurfacePatches], ranks: Ranks) -> Ints:

@@ -120,11 +120,12 @@ def is_file(dataset: Dataset, target: str) -> bool:
 
 def _from_file(name: str) -> Surface:
     points, triangles = triangles_of(name)
-    corners = points[triangles]
     coefficients = np.zeros((len(triangles), 2, 2, 3))
-    coefficients[:, 0, 0] = (corners[:, 1] + corners[:, 2]) / 2
-    coefficients[:, 0, 1] = (corners[:, 1] - corners[:, 0]) / 2
-    coefficients[:, 1, 0] = (corners[:, 2] - corners[:, 0]) / 2
+    for part in chunks(len(triangles), AT_ONCE):
+        first, second, third = (points[rows] for rows in triangles[part].T)
+        coefficients[part, 0, 0] = (second + third) / 2
+        coefficients[part, 0, 1] = (second - first) / 2
+        coefficients[part, 1, 0] = (third - first) / 2
     patches = SurfacePatches(3, coefficients, np.arange(len(triangles)), np.full(len(triangles), WHOLE[3]))
     closed = is_closed([triangles])
     sides = sides_of_triangles(points, triangles) if closed else np.ones((len(triangles), 2), np.int64)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.arrays import Floats, Ints, narrow_ints
 from elvis.core.distances.triangle_texts import Indexed, triangles_in_text
 from elvis.core.errors import FormatError
 from elvis.core.files.plain import content
@@ -38,7 +38,7 @@ def triangles_of(name: str) -> tuple[Floats, Ints]:
     """
     vertices, triangles = _indexed(name)
     points, numbers = np.unique(vertices + 0.0, axis=0, return_inverse=True)
-    triangles = numbers.reshape(-1)[triangles]
+    triangles = narrow_ints(numbers.reshape(-1), len(points))[triangles]
     distinct = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
     if not distinct.any():
         raise FormatError("expected triangles, found only some without an area", file=name)
