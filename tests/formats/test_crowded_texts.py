@@ -13,11 +13,22 @@ from elvis.converters import vtk_files
 from elvis.converters.gmf import Gmf
 from elvis.converters.mfem import Mfem
 from elvis.converters.mfem_files import named_attributes
-from elvis.core.arrays import distinct_rows, distinct_sides, groups, rows_by_number, rows_of_sides
+from elvis.core.arrays import (
+    distinct_bits,
+    distinct_rows,
+    distinct_sides,
+    groups,
+    rows_by_number,
+    rows_of_sides,
+    uses_of,
+)
 from elvis.core.files.pieces import pieces, substituted
+from elvis.core.interfaces.hanging import _Search
+from elvis.core.mapping.orientation import local_vertices
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.ranges import value_range
 from elvis.core.shapes import Shape
+from elvis.core.testing import grid
 from elvis.formats.nektar.composites import composite_ids, parse_tokens
 from elvis.formats.nektar.expansions import _Expansions
 from elvis.formats.nektar.xml import _without_comments
@@ -170,3 +181,38 @@ def test_ranges_take_memory_for_few_elements_at_a_time():
     assert found.maximum == coefficients.max()
     assert found.minimum == coefficients.min()
     assert peak_of(lambda own: value_range([(expansion, own)]), coefficients) < coefficients.nbytes
+
+
+@pytest.mark.parametrize("kind", [np.int32, np.int64])
+def test_rows_of_any_width_and_type_are_told_apart(kind):
+    """Also of five columns of 32 bits, which are no whole number of 64-bit ones."""
+    rows = np.random.default_rng(5).integers(0, 3, (500, 5)).astype(kind)
+    first, which = distinct_bits(rows)
+    known = np.unique(rows, axis=0)
+    assert len(first) == len(known)
+    assert np.array_equal(rows[first[which]], rows)
+
+
+def test_members_take_32_bits_and_ids_64():
+    mesh = grid(Shape.PRISM, 2)
+    assert {own.members.dtype for own in mesh.entities.values()} == {np.dtype(np.int32)}
+    assert {own.ids.dtype for own in mesh.entities.values()} == {np.dtype(np.int64)}
+    assert local_vertices(mesh, Shape.PRISM).dtype == np.int32
+
+
+def test_numbers_of_pairs_exceed_32_bits():
+    """Sides of large meshes have 32-bit numbers, and codes of pairs of them need more."""
+    great = np.array([2**31 - 2], np.int32)
+    search = _Search.__new__(_Search)
+    search.sides = range(2**31 - 1)
+    assert search._code(great, great).tolist() == [(2**31 - 2) * (2**31 - 1) + 2**31 - 2]
+
+
+def test_uses_are_counted_without_copies():
+    rows = np.random.default_rng(6).integers(0, 1000, (200_000, 3)).astype(np.int32)
+    assert np.array_equal(uses_of(rows, 1001), np.bincount(rows.reshape(-1), minlength=1001))
+    tracemalloc.start()
+    uses_of(rows, 1001)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < rows.nbytes

@@ -68,14 +68,14 @@ def mixed(dataset):
 
 
 def size(dataset):
-    """Bytes of all distinct arrays of a dataset."""
+    """Bytes of all distinct arrays of a dataset, if every number had eight."""
     mesh = dataset.mesh
     arrays = [mesh.vertex_ids, mesh.vertices]
     arrays += [array for e in mesh.entities.values() for array in (e.ids, e.members)]
     arrays += [ids for composite in mesh.composites for _, ids in composite.parts]
     blocks = [block for field in dataset.fields for block in field.blocks]
     distinct_ids = {id(block.element_ids): block.element_ids for block in blocks}
-    return sum(a.nbytes for a in [*arrays, *distinct_ids.values(), *(block.coefficients for block in blocks)])
+    return 8 * sum(a.size for a in [*arrays, *distinct_ids.values(), *(block.coefficients for block in blocks)])
 
 
 def peak_of_reading(*paths):

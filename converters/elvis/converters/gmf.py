@@ -91,6 +91,8 @@ class Gmf(NodalConverter):
         self.warnings = [remark for remark in (excess, unnamed) if remark]
         if solution is not None:
             self._read_solution(solution)
+        # blocks and boundaries hold what they need of the tables
+        mesh.sections.clear()
 
     def _read_elements(self, kind: str, order: int, name: str) -> None:
         """One block for every reference that elements of a kind and order have."""
@@ -112,7 +114,7 @@ class Gmf(NodalConverter):
                 len(rows),
                 order,
                 own if np.array_equal(corners, np.arange(own.shape[1])) else own[:, corners],
-                ids=start + rows,
+                ids=narrow_ints(start + rows, start + len(table)),
                 region=f"ref{reference}" if self._has_regions else "",
                 pyramid=PyramidSpace.RATIONAL,
                 key=NodalBlock(NodalValues(self._places, functions, own)),

@@ -326,7 +326,8 @@ class _Text:
             raise FormatError(f"expected {expected}, found {len(numbers)} numbers", file=file.path, place=name)
         table = numbers.reshape(rows, width)
         integers = _integers(table[:, reals:])
-        file.add(name, Section(np.ascontiguousarray(table[:, :reals]), integers, types, degree, nodes))
+        # a copy, since an empty part of the table would keep all of it
+        file.add(name, Section(table[:, :reals].copy(), integers, types, degree, nodes))
 
     def _numbers(self, name: str) -> Floats:
         """(n,) the numbers that are left of a section, read in pieces: words are objects, which take more memory."""

@@ -40,9 +40,22 @@ def frozen_view(values: NDArray[Any]) -> NDArray[Any]:
     return array
 
 
+def index_type(below: int) -> Any:
+    """Type of numbers less than ``below``: 32 bits where these are enough.
+
+    Products of two such numbers need 64 bits.
+    """
+    return np.int32 if below <= 1 << 31 else np.int64
+
+
 def narrow_ints(values: Ints, below: int) -> NDArray[Any]:
     """Numbers from 0 up, less than ``below``, read-only, of 32 bits where these are enough for all such."""
-    return frozen_view(values.astype(np.int32 if below <= 1 << 31 else np.int64, copy=False))
+    return frozen_view(np.ascontiguousarray(values, index_type(below)))
+
+
+def numbered(count: int, first: int = 0) -> NDArray[Any]:
+    """(count,) numbers from ``first`` up, as by `narrow_ints`."""
+    return frozen_view(np.arange(first, first + count, dtype=index_type(first + count)))
 
 
 def largest(values: Floats) -> float:
@@ -78,13 +91,16 @@ def distinct(numbers: Ints) -> Ints:
 
 
 def distinct_bits(rows: NDArray[Any]) -> tuple[Ints, Ints]:
-    """The first row (m,) of each distinct one of rows (n, k) of 8-byte numbers, and which of these each row is (n,).
+    """The first row (m,) of each distinct one of rows (n, k) of numbers, and which of these each row is (n,).
 
     Rows are compared by their bytes.  Their order is arbitrary: hashes of the rows are sorted, not the rows.
     """
-    bits = np.ascontiguousarray(rows).view(np.uint64)
+    bits = np.ascontiguousarray(rows)
+    # whole numbers of 32 bits are compared as they are
+    bits = bits.view(np.uint64) if bits.itemsize == 8 else bits
     hashes = np.zeros(len(bits), np.uint64)
-    for column in bits.T:
+    for narrow in bits.T:
+        column = narrow.astype(np.uint64, copy=False)
         hashes ^= column ^ (column >> np.uint64(29))
         hashes *= _FACTOR
         hashes ^= hashes >> np.uint64(32)
@@ -107,29 +123,41 @@ def groups(keys: NDArray[Any]) -> tuple[Ints, Ints]:
     order = np.argsort(keys)
     is_new = np.ones(len(keys), bool)
     ordered = keys[order]
+    order = order.astype(index_type(len(order)), copy=False)
     # keys that only the caller's expression held are freed, as are other arrays of this size as early as possible
     del keys
     np.not_equal(ordered[1:], ordered[:-1], out=is_new[1:])
     del ordered
     starts = np.flatnonzero(is_new)
-    first = np.minimum.reduceat(order, starts) if len(starts) else starts
+    first = np.minimum.reduceat(order, starts) if len(starts) else order
     del starts
-    numbers = np.cumsum(is_new)
+    numbers = np.cumsum(is_new, dtype=order.dtype)
     numbers -= 1
-    which = np.empty(len(order), np.int64)
+    which = np.empty_like(order)
     which[order] = numbers
     return first, which
 
 
 def _groups_of_small(keys: NDArray[Any]) -> tuple[Ints, Ints]:
     """`groups` of keys from 0 up that are less than their number: looked up in a table instead of sorted."""
-    first = np.full(int(keys.max()) + 1, len(keys))
+    kind = index_type(len(keys) + 1)
+    first = np.full(int(keys.max()) + 1, len(keys), kind)
     for start in range(0, len(keys), _ROWS_AT_ONCE):
         part = keys[start : start + _ROWS_AT_ONCE]
-        np.minimum.at(first, part, np.arange(start, start + len(part)))
+        np.minimum.at(first, part, np.arange(start, start + len(part), dtype=kind))
     is_known = first < len(keys)
-    numbers = np.cumsum(is_known) - 1
+    numbers = np.cumsum(is_known, dtype=kind) - kind(1)
     return first[is_known], numbers[keys]
+
+
+def uses_of(rows: Ints, count: int) -> NDArray[Any]:
+    """(count,) how often each row occurs among ``rows`` (n, ...), which ``np.bincount`` copies to 64 bits."""
+    found: NDArray[Any] = np.zeros(count, np.int32)
+    flat = rows.reshape(-1)
+    for start in range(0, len(flat), _ROWS_AT_ONCE):
+        # 1 of the type of the counts, otherwise it is forty times slower
+        np.add.at(found, flat[start : start + _ROWS_AT_ONCE], np.int32(1))
+    return found
 
 
 def rows_by_number(numbers: Ints) -> Iterator[tuple[int, Ints]]:
@@ -178,7 +206,7 @@ def distinct_sides(views: Sequence[tuple[Ints, Sequence[int]]]) -> tuple[Ints, I
 
 def rows_of_sides(views: Sequence[tuple[Ints, Sequence[int]]], chosen: Ints) -> Ints:
     """(m, k) numbers of the vertices of the sides ``chosen`` (m,) of `distinct_sides`."""
-    found = np.empty((len(chosen), len(views[0][1])), np.int64)
+    found = np.empty((len(chosen), len(views[0][1])), np.result_type(*(table for table, _ in views)))
     start = 0
     for table, columns in views:
         here = np.flatnonzero((chosen >= start) & (chosen < start + len(table)))
@@ -214,7 +242,7 @@ def _packed(columns: Ints, base: int) -> NDArray[np.uint64]:
     keys: NDArray[np.uint64] = columns[0].astype(np.uint64)
     for column in columns[1:]:
         keys *= np.uint64(base)
-        keys += column.view(np.uint64)
+        keys += column.astype(np.uint64, copy=False)
     return keys
 
 
@@ -229,7 +257,7 @@ def _row_keys(rows: Ints) -> NDArray[np.uint64]:
         # the digits are too many: replace the numbers so far by their rank among all of them
         keys = groups(keys)[1].astype(np.uint64)
         keys *= np.uint64(base)
-        keys += column.view(np.uint64)
+        keys += column.astype(np.uint64, copy=False)
     return keys
 
 

@@ -221,7 +221,7 @@ class _Outer:
 
 def _codes(first: Ints, second: Ints, count: int) -> Ints:
     """One number for each unordered pair of vertices."""
-    return np.asarray(np.minimum(first, second) * count + np.maximum(first, second))
+    return np.asarray(np.minimum(first, second).astype(np.int64) * count + np.maximum(first, second))
 
 
 def size(patches: Sequence[Patch]) -> float:

@@ -229,7 +229,7 @@ class Assembly:
         """(n,) ids in the file."""
         ids = self.skeleton.mesh.of(self.expansion.shape).ids
         # rows ascend, so as many rows as there are elements are all of them
-        return frozen_ints(ids if len(self.rows) == len(ids) else ids[self.rows])
+        return frozen_view(ids if len(self.rows) == len(ids) else ids[self.rows])
 
     def take(self, which: Ints) -> Floats:
         """(k, 3, m) coefficients of the elements ``which`` (k,) of these."""
@@ -266,7 +266,7 @@ class Assembly:
 def _assemble(skeleton: Skeleton, shape: Shape, wanted: Ints) -> Iterator[Assembly]:
     """The elements of a shape with ids among the sorted ``wanted``, one part for each set of orders."""
     entities, vertices = skeleton.mesh.of(shape), _vertices(skeleton, shape)
-    chosen = np.flatnonzero(np.isin(entities.ids, wanted))
+    chosen = narrow_ints(np.flatnonzero(np.isin(entities.ids, wanted)), len(entities))
     if len(chosen) and not skeleton.curved:
         yield Assembly(skeleton, modified(shape, (2,) * shape.dimension), chosen, vertices)
     if len(chosen) == 0 or not skeleton.curved:

@@ -8,7 +8,17 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from elvis.core import describing
-from elvis.core.arrays import Floats, Ints, corners_of, distinct, frozen_floats, frozen_ints, rows_of
+from elvis.core.arrays import (
+    Floats,
+    Ints,
+    corners_of,
+    distinct,
+    frozen_floats,
+    frozen_ints,
+    frozen_view,
+    index_type,
+    rows_of,
+)
 from elvis.core.shapes import Shape
 from elvis.core.texts import check_name
 
@@ -19,7 +29,7 @@ class Entities:
 
     ids      (n,)    as in the file, in file order
     members  (n, k)  rows (not ids) of the bounding entities of one dimension less, in file order:
-                     vertices of an edge, edges of a face, faces of a volume element.
+                     vertices of an edge, edges of a face, faces of a volume element; 32-bit if enough.
                      Face rows count the triangles first, then the quadrilaterals.
     """
 
@@ -36,7 +46,7 @@ class Entities:
     @staticmethod
     def none(members: int) -> Entities:
         """No entities, of ``members`` members each."""
-        return Entities(frozen_ints(np.empty(0)), frozen_ints(np.empty((0, members))))
+        return Entities(frozen_ints(np.empty(0)), frozen_view(np.empty((0, members), np.int32)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,11 +132,12 @@ class Counts:
 
     @property
     def bytes(self) -> int:
-        """Memory for the arrays of a mesh of this size, in bytes: every number has eight bytes."""
-        numbers = 4 * self.vertices + sum(map(sum, self.composites))
-        numbers += sum((1 + MEMBERS[shape]) * count for shape, count in self.entities.items())
+        """Memory for the arrays of a mesh of this size, in bytes: members are rows, other numbers have eight bytes."""
+        numbers = 4 * self.vertices + sum(map(sum, self.composites)) + sum(self.entities.values())
         numbers += sum(3 * count + 1 + 3 * points for count, points in self.curves)
-        return 8 * numbers
+        members = sum(MEMBERS[shape] * count for shape, count in self.entities.items())
+        of_row: int = np.dtype(index_type(self.total)).itemsize
+        return 8 * numbers + of_row * members
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,7 +26,7 @@ from typing import Any, BinaryIO
 from elvis.core.dataset import Dataset, Field
 from elvis.core.errors import ElvisError
 from elvis.core.files.keeping import Store, cache_folder
-from elvis.core.memory import release_free_memory
+from elvis.core.memory import release_free_memory, settle_free_memory
 from elvis.core.portions import Portion
 from elvis.core.ranks import Ranks, agreed
 from elvis.formats.nektar.geometry_output import place
@@ -295,6 +295,7 @@ def _has_requested(dataset: Dataset, names: Sequence[str], work: Work) -> bool:
 
 def _convert(work: Work, keep: Callable[[_Result], None] | None = None) -> Dataset:
     """The dataset of a conversion; ``keep`` receives it with its native files if they can be cached."""
+    settle_free_memory()
     source = work.converter(work.paths, **work.keywords)
     settings = Settings(fields=work.fields, choose=work.choose)
     conversion: Conversion | None = convert(source, settings, work.paths)

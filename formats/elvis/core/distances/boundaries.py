@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Floats, Ints, distinct
+from elvis.core.arrays import Bools, Floats, Ints, distinct, uses_of
 from elvis.core.bounded_cache import bounded_cache
 from elvis.core.dataset import Dataset, Expansion
 from elvis.core.distances.surface_patches import WHOLE, SurfacePatches
@@ -170,9 +172,9 @@ def owners_of_sides(mesh: Mesh, members: Sequence[Ints]) -> Ints:
     """
     shapes = [shape for shape in mesh.entities if shape.dimension == mesh.dimension - 1]
     count = sum(len(mesh.of(shape)) for shape in shapes) if mesh.dimension > 1 else len(mesh.vertices)
-    owners = np.zeros(count, np.int64)
+    owners: NDArray[Any] = np.zeros(count, np.int32)
     for own in members:
-        owners += np.bincount(own.reshape(-1), minlength=count)
+        owners += uses_of(own, count)
     return owners
 
 

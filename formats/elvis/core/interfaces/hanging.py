@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.arrays import Bools, Floats, Ints, frozen_floats, narrow_ints, numbered
 from elvis.core.interfaces.crowded_sides import HOPELESS, POINTS_AT_ONCE, hopeless_sides, shares
 from elvis.core.interfaces.feet import feet
 from elvis.core.interfaces.side_groups import COLLAPSED, SideGroup, SideSet
@@ -33,6 +33,8 @@ OPPOSITE = -0.9
 FACING = 0.5
 #: sides with whose boxes a point of a side is compared at most, in the mean
 MOST_OTHERS = 16
+#: sides in a leaf of the tree, at least
+LEAF = 4
 #: pairs of a point and a node of the tree that are compared together
 NODES_AT_ONCE = 1 << 14
 #: pairs of a point and a side whose distance is determined together
@@ -88,9 +90,9 @@ def hanging(sides: SideSet, named: Bools, is_oriented: bool, precision: float) -
     is_oriented  whether elements fill the space, so that those on both sides of a face lie opposite
     precision    relative rounding of the source's numbers
     """
-    every = np.arange(len(sides))
     collapsed = _are_collapsed(sides)
-    search = _Search(sides, every[~collapsed], named, is_oriented, precision)
+    regular = narrow_ints(np.flatnonzero(~collapsed), len(sides))
+    search = _Search(sides, regular, named, is_oriented, precision)
 
     # a first look at few points of each side
     hopeless = search.hopeless()
@@ -115,7 +117,7 @@ def hanging(sides: SideSet, named: Bools, is_oriented: bool, precision: float) -
 
 def _are_collapsed(sides: SideSet) -> Bools:
     """(n,) whether sides have no area, or no length."""
-    every = np.arange(len(sides))
+    every = numbered(len(sides))
     greatest, sizes = np.zeros((2, len(sides)))
     extent = _NOWHERE
     for part in chunks(len(sides), POINTS_AT_ONCE):
@@ -162,7 +164,9 @@ class _Search:
         for part in chunks(len(candidates), POINTS_AT_ONCE):
             low, high = self._enlarged(part)
             boxes[part] = outward(low, high, 0.0)
-        self._tree = BoxTree.build(boxes)
+        # leaves of a power of two that are nearly full: half of them could be empty otherwise
+        leaves = 1 << max(0, (len(boxes) // LEAF).bit_length() - 1)
+        self._tree = BoxTree.build(boxes, max(LEAF, -(-len(boxes) // leaves)))
         self._normals = np.empty((len(sides), 3))
         for part in chunks(len(sides), POINTS_AT_ONCE):
             own = np.arange(part.start, part.stop)
@@ -303,7 +307,7 @@ class _Search:
 
     def _code(self, side: Ints, other: Ints) -> Ints:
         """(n,) a number for each pair of sides."""
-        return side * len(self.sides) + other
+        return side.astype(np.int64) * len(self.sides) + other
 
     def _are_facing(self, points: Floats, side: Ints, others: Floats, other: Ints) -> Bools:
         """(n,) whether elements lie on opposite sides of two sides at points (n, 2) of both."""

@@ -73,7 +73,8 @@ def has_closed_outline(dataset: Dataset) -> bool:
 def _side_ids(mesh: Mesh) -> Ints:
     """(n,) ids of all sides by their rows."""
     shapes = (Shape.SEGMENT,) if mesh.dimension == 2 else (Shape.TRIANGLE, Shape.QUADRILATERAL)
-    return np.concatenate([mesh.of(shape).ids for shape in shapes])
+    ids = [mesh.of(shape).ids for shape in shapes if len(mesh.of(shape))]
+    return ids[0] if len(ids) == 1 else np.concatenate([np.empty(0, np.int32), *ids])
 
 
 def _named(mesh: Mesh, ids: Ints, outline: str | None) -> Bools:

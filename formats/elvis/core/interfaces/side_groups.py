@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_floats, frozen_ints, narrow_ints
+from elvis.core.arrays import Bools, Floats, Ints, frozen_floats, frozen_ints, narrow_ints, numbered
 from elvis.core.dataset import Dataset, Expansion
 from elvis.core.distances.boundaries import side_coefficients, side_degree, sides_of
 from elvis.core.distances.surface_patches import CORNERS, WHOLE, SurfacePatches
@@ -38,7 +38,6 @@ class SideGroup:
     rows     (n,) the element of each side among those of the block
     local    the element's vertices around the side
     entity   (n,) rows of the sides in the mesh
-    element  (n,) ids of the elements
 
     Sides of straight elements are derived from the vertices when they are needed; those of others are stored.
     """
@@ -47,7 +46,6 @@ class SideGroup:
     rows: Ints
     local: tuple[int, ...]
     entity: Ints
-    element: Ints
 
     def __len__(self) -> int:
         return len(self.entity)
@@ -139,11 +137,9 @@ class SideSet:
         self.groups = tuple(groups)
         counts = [len(group) for group in groups]
         self.group = np.repeat(np.arange(len(groups), dtype=np.int32), counts)
-        self.row = narrow_ints(np.concatenate([np.empty(0, np.int64), *map(np.arange, counts)]), sum(counts))
-        self.entity = np.concatenate([np.empty(0, np.int64), *(group.entity for group in groups)])
-        kinds = [tuple(Shape).index(group.expansion.shape) for group in groups]
-        numbers = [group.element * len(Shape) + kind for group, kind in zip(groups, kinds, strict=True)]
-        self.element = np.concatenate([np.empty(0, np.int64), *numbers])
+        self.row = np.concatenate([np.empty(0, np.int32), *map(numbered, counts)])
+        self.entity = np.concatenate([np.empty(0, np.int32), *(group.entity for group in groups)])
+        self.element = np.concatenate([np.empty(0, np.int32), *map(_elements, groups)])
         self.degree = max((group.degree for group in groups), default=1)
 
     def __len__(self) -> int:
@@ -241,7 +237,17 @@ def _groups_of(dataset: Dataset, block: Part, wanted: Bools) -> Iterator[SideGro
             continue
         entity = members[rows, number]
         wanted[entity] = False
-        yield SideGroup(block, rows, local, entity, block.element_ids[rows])
+        yield SideGroup(block, narrow_ints(rows, len(block)), local, entity)
+
+
+def _elements(group: SideGroup) -> Ints:
+    """(n,) a number for the element of each side, of which shapes have different ones."""
+    ids = group.block.element_ids
+    kind = tuple(Shape).index(group.expansion.shape)
+    found = narrow_ints(ids, (1 + int(ids.max(initial=0))) * len(Shape))[group.rows]
+    found *= len(Shape)
+    found += kind
+    return found
 
 
 def lattice(corners: int, count: int) -> Floats:

@@ -6,7 +6,18 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, distinct_sides, frozen_floats, frozen_ints, rows_of_sides
+from elvis.core.arrays import (
+    Floats,
+    Ints,
+    distinct_sides,
+    frozen_floats,
+    frozen_ints,
+    frozen_view,
+    index_type,
+    narrow_ints,
+    rows_of_sides,
+    uses_of,
+)
 from elvis.core.mapping.orientation import face_shape
 from elvis.core.mesh import Composite, Entities, Mesh
 from elvis.core.shapes import Shape
@@ -22,7 +33,7 @@ def connected(vertices: Floats, elements: Mapping[Shape, Ints], space: int = 3) 
     """
     dimension = max(shape.dimension for shape in elements)
     shapes = [shape for shape in Shape.of_dimension(dimension) if len(elements.get(shape, ()))]
-    vertices_of = {shape: np.asarray(elements[shape], np.int64) for shape in shapes}
+    vertices_of = {shape: narrow_ints(elements[shape], len(vertices)) for shape in shapes}
     entities, outer = _SKELETONS[dimension](vertices_of)
 
     # elements are numbered through, shape after shape
@@ -68,7 +79,8 @@ def _from_solids(elements: Mapping[Shape, Ints]) -> tuple[dict[Shape, Entities],
     Faces as their first element sees them, triangles numbered before quadrilaterals; then edges of the faces.
     """
     faces: dict[Shape, Ints] = {}
-    faces_of = {shape: np.empty((len(rows), len(shape.faces)), np.int64) for shape, rows in elements.items()}
+    most = sum(len(rows) * len(shape.faces) for shape, rows in elements.items())
+    faces_of = {shape: np.empty((len(rows), len(shape.faces)), index_type(most)) for shape, rows in elements.items()}
     outer = []
     offset = 0
     for kind in (Shape.TRIANGLE, Shape.QUADRILATERAL):
@@ -82,7 +94,7 @@ def _from_solids(elements: Mapping[Shape, Ints]) -> tuple[dict[Shape, Entities],
         faces[kind] = rows_of_sides(views, first)
 
         # faces of one element lie on the boundary
-        uses = np.bincount(which)
+        uses = uses_of(which, len(first))
         outer.append(offset + np.flatnonzero(uses == 1))
         numbers = _split(which, [len(elements[shape]) for shape, _, _ in sides])
         for (shape, i, _), own in zip(sides, numbers, strict=True):
@@ -119,13 +131,14 @@ def _edges(polygons: Mapping[Shape, Ints]) -> tuple[Ints, dict[Shape, Ints], Int
     first, which = distinct_sides(views)
     edges = rows_of_sides(views, first)
     edges.sort(axis=1)
+    uses = uses_of(which, len(first))
     del first
 
-    edges_of = {shape: np.empty(rows.shape, np.int64) for shape, rows in polygons.items()}
+    edges_of = {shape: np.empty(rows.shape, which.dtype) for shape, rows in polygons.items()}
     numbers = _split(which, [len(polygons[shape]) for shape, _ in sides])
     for (shape, i), own in zip(sides, numbers, strict=True):
         edges_of[shape][:, i] = own
-    return edges, edges_of, np.bincount(which)
+    return edges, edges_of, uses
 
 
 def _split(rows: Ints, lengths: list[int]) -> list[Ints]:
@@ -135,4 +148,4 @@ def _split(rows: Ints, lengths: list[int]) -> list[Ints]:
 
 def _entities(members: Ints) -> Entities:
     """Entities with ids from 0."""
-    return Entities(frozen_ints(np.arange(len(members))), frozen_ints(members))
+    return Entities(frozen_ints(np.arange(len(members))), frozen_view(np.ascontiguousarray(members)))

@@ -11,7 +11,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_ints, sorted_columns
+from elvis.core.arrays import Bools, Floats, Ints, frozen_view, sorted_columns
 from elvis.core.bounded_cache import bounded_cache
 from elvis.core.errors import FormatError
 from elvis.core.mesh import Mesh
@@ -59,7 +59,7 @@ def local_vertices(mesh: Mesh, shape: Shape, faces: Callable[[], Mapping[Shape, 
     known = _OF_SOLIDS.setdefault(mesh, {})
     if shape not in known:
         polygons = faces() if faces else {s: polygon_vertices(mesh, s) for s in Shape.of_dimension(2)}
-        known[shape] = frozen_ints(_solid_vertices(mesh, shape, polygons))
+        known[shape] = frozen_view(_solid_vertices(mesh, shape, polygons))
     return known[shape]
 
 
@@ -134,7 +134,7 @@ def _free_ends(mesh: Mesh, shape: Shape, part: slice) -> Ints:
 
 def _solid_vertices(mesh: Mesh, shape: Shape, polygons: Mapping[Shape, Ints]) -> Ints:
     """(n, n_vertices) vertex rows of all volume elements of a shape: `local_vertices`."""
-    result = np.empty((len(mesh.of(shape)), len(shape.vertices)), np.int64)
+    result = np.empty((len(mesh.of(shape)), len(shape.vertices)), np.result_type(*polygons.values()))
     for part in chunks(len(result), _FEW):
         faces = _solid_faces(mesh, shape, part, polygons)
         vertices = _corners(mesh, shape, part, faces)
@@ -145,7 +145,7 @@ def _solid_vertices(mesh: Mesh, shape: Shape, polygons: Mapping[Shape, Ints]) ->
 
 def _corners(mesh: Mesh, shape: Shape, part: slice, faces: list[Ints]) -> Ints:
     """(n_vertices, n) vertices: local vertex j is what the faces around it have in common."""
-    result = np.empty((len(shape.vertices), faces[0].shape[1]), np.int64)
+    result = np.empty((len(shape.vertices), faces[0].shape[1]), faces[0].dtype)
     for j in range(len(shape.vertices)):
         first, *others = (face for face, local in zip(faces, shape.faces, strict=True) if j in local)
         common: Bools = np.ones(first.shape, bool)

@@ -175,7 +175,7 @@ def unite(some: Sequence[Portion]) -> Portion:
         ids = np.concatenate([mesh.of(shape).ids for mesh in meshes])[places[shape]]
         members = np.concatenate([members_in_whole(portion, shape) for portion in some])[places[shape]]
         own = _numbers_of_members(first, rows, shape)
-        entities[shape] = Entities(frozen_ints(ids), frozen_ints(np.searchsorted(own, members)))
+        entities[shape] = Entities(frozen_ints(ids), narrow_ints(np.searchsorted(own, members), len(own)))
     edges, edge_places = _united([portion.edges for portion in some])
     faces, face_places = _united([portion.faces for portion in some])
     mesh = replace(
@@ -294,7 +294,7 @@ def _cut_mesh(mesh: Mesh, kept: Mapping[_Kind, Ints], edges: Ints, faces: Ints) 
         else:
             numbers = kept[Shape.SEGMENT if shape.dimension == 2 else None]
         members = _renumbered(own.members[kept[shape]], numbers)
-        entities[shape] = Entities(frozen_ints(own.ids[kept[shape]]), frozen_ints(members))
+        entities[shape] = Entities(frozen_ints(own.ids[kept[shape]]), narrow_ints(members, len(numbers)))
     segments = kept.get(Shape.SEGMENT, np.empty(0, np.int64))
     return replace(
         mesh,

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Floats, Ints, among, frozen_floats, frozen_ints, frozen_view
+from elvis.core.arrays import Bools, Floats, Ints, among, frozen_floats, frozen_ints, frozen_view, narrow_ints
 from elvis.core.errors import FormatError
 from elvis.core.mesh import Composite, Counts, Curves, Entities, Mesh
 from elvis.core.polynomials.points import PointsType
@@ -330,7 +330,8 @@ def lookups_of(raw: RawGeometry) -> list[Lookup]:
 
 
 def _entities(shape: Shape, ids: Ints, members: Ints, lookup: Lookup) -> Entities:
-    return Entities(frozen_ints(ids), frozen_ints(lookup.into_rows(members, f"entries {shape.tag}")))
+    rows = lookup.into_rows(members, f"entries {shape.tag}")
+    return Entities(frozen_ints(ids), narrow_ints(rows, lookup.count))
 
 
 def _ids(raw: RawGeometry, shape: Shape) -> Ints:

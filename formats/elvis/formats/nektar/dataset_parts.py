@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Floats, corners_of
+from elvis.core.arrays import Bools, Floats, corners_of, index_type
 from elvis.core.dataset import Dataset
 from elvis.core.portions.portion import Portion, carriers, is_even
 from elvis.core.shapes import Shape
@@ -20,7 +20,7 @@ from elvis.formats.nektar.geometry_parts import RawParts
 from elvis.formats.nektar.remarks import Remark, with_remarks
 from elvis.formats.nektar.sections import Section
 
-#: bytes of an id or a row in memory
+#: bytes of an id in memory
 _OF_ID = 8
 
 
@@ -44,7 +44,9 @@ class DatasetParts:
         """Memory of the arrays of the whole dataset, in bytes."""
         assert self.raw is not None
         raw = self.raw
-        tables = sum(_OF_ID * (ids.size + members.size) for ids, members in raw.tables.values())
+        count = len(raw.vertex_ids) + sum(len(ids) for ids, _ in raw.tables.values())
+        of_row: int = np.dtype(index_type(count)).itemsize
+        tables = sum(_OF_ID * ids.size + of_row * members.size for ids, members in raw.tables.values())
         points = raw.vertices.nbytes + raw.edge_curves.points.nbytes + raw.face_curves.points.nbytes
         values = (section.values for section in self.sections)
         return tables + points + sum(own.nbytes for own in values if own is not None)

@@ -20,7 +20,6 @@ from elvis.core.shapes import Shape
 from elvis.formats.nektar import composites, numbers
 from elvis.formats.nektar.assembly import RawCurves, RawGeometry
 from elvis.formats.nektar.expressions import evaluate
-from elvis.formats.nektar.mapped_files import is_mapped
 from elvis.formats.nektar.payload import ENCODING, decode, record_pieces
 from elvis.formats.nektar.xml import Element, format_errors_at
 
@@ -272,7 +271,7 @@ _COMPRESSED = _CompressedCodec()
 
 def _record_table(element: Element, width: int) -> tuple[Ints, Ints]:
     """Ids and members of records of one more item."""
-    records: NDArray[Any] = _narrow_records(element, width + 1) if is_mapped() else _records(element, width + 1)
+    records = _narrow_records(element, width + 1)
     return records[:, 0].copy(), records[:, 1:].copy()
 
 

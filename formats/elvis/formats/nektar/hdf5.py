@@ -35,7 +35,7 @@ HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _MOST_STRINGS = 1 << 24
 #: bytes beyond which an array is worth being mapped
 _LONG = 1 << 20
-#: types of tables that can be mapped without conversion
+#: types of tables that are taken without conversion
 _OF_TABLES = (np.dtype("<i4"), np.dtype("<u4"), np.dtype("<i8"))
 
 
@@ -78,7 +78,7 @@ def ints(parent: h5py.Group, name: str, columns: int | None = None) -> Ints | No
 
 
 def table(parent: h5py.Group, name: str, columns: int | None = None) -> Ints | None:
-    """`ints`, but long tables that are mapped have the stored type."""
+    """`ints`, but of the stored type."""
     return _array(parent, name, columns, "iu", np.int64, is_table=True)
 
 
@@ -216,7 +216,7 @@ def _array(
             place = found.id.get_offset()
             if place is not None and not found.file.userblock_size:
                 return np.memmap(found.file.filename, found.dtype, "r", place, found.shape)
-        out = np.empty(found.shape, dtype)
+        out = np.empty(found.shape, found.dtype if is_table and is_wanted else dtype)
         if out.size:
             found.read_direct(out)
         return out

@@ -17,7 +17,7 @@ _STEP = 1 << 20
 
 @contextmanager
 def mapped(*, if_so: bool = True) -> Iterator[None]:
-    """Map long arrays of floats, tables and text within the block, and store numbers of meshes in 32 bits if they fit.
+    """Map long arrays of floats, tables and text within the block.
 
     The files must not change while data read from them are in use.  Long arrays return to the system once freed.
     """

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from elvis.core.arrays import Floats, Ints
 from elvis.core.errors import FormatError
-from elvis.formats.nektar.mapped_files import is_mapped
 from elvis.formats.nektar.xml import Buffer
 
 Number = TypeVar("Number", np.float64, np.int64)
@@ -104,13 +103,12 @@ def vertex_rows(section: Buffer, start: int, stop: int) -> tuple[Ints, Floats]:
 class _Table:
     """Ids and members of one tag, collected chunk by chunk in arrays allocated at full size.
 
-    While files are mapped, the arrays use 32 bits if that is enough for all numbers.
+    The arrays use 32 bits if that is enough for all numbers.
     """
 
     def __init__(self, capacity: int, width: int) -> None:
-        kind = np.int32 if is_mapped() else np.int64
-        self._ids: NDArray[Any] = np.empty(capacity, kind)
-        self._members: NDArray[Any] = np.empty((capacity, width), kind)
+        self._ids: NDArray[Any] = np.empty(capacity, np.int32)
+        self._members: NDArray[Any] = np.empty((capacity, width), np.int32)
         self._filled = 0
 
     def extend(self, rows: Ints) -> None:

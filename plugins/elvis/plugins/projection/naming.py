@@ -9,7 +9,7 @@ from itertools import count
 
 import numpy as np
 
-from elvis.core.arrays import Ints, distinct_sides, frozen_ints
+from elvis.core.arrays import Ints, distinct_sides, frozen_ints, uses_of
 from elvis.core.bounded_cache import bounded_cache
 from elvis.core.mesh import PERIODIC, Composite, Mesh
 from elvis.core.shapes import Shape
@@ -103,7 +103,7 @@ def _own_numbers(boundaries: Sequence[Boundary]) -> dict[int, int]:
 
 def _concatenate(rows: Sequence[Ints]) -> Ints:
     """All rows; there may be none."""
-    return np.concatenate([np.empty(0, np.int64), *rows])
+    return np.concatenate([np.empty(0, np.int32), *rows])
 
 
 def _regions(blocks: Sequence[NativeBlock]) -> Iterator[tuple[Shape, str, Ints]]:
@@ -176,7 +176,7 @@ def _outer_sides(blocks: Sequence[NativeBlock], vertices: Sequence[Ints]) -> Ite
 
     for views in by_corners.values():
         _, which = distinct_sides([(vertices[i], local) for i, _, local in views])
-        is_single = (np.bincount(which) == 1)[which]
+        is_single = (uses_of(which, 1 + int(which.max(initial=-1))) == 1)[which]
         ends = np.cumsum([len(vertices[i]) for i, _, _ in views])[:-1]
         for (i, side, _), part in zip(views, np.split(is_single, ends), strict=True):
             rows = np.flatnonzero(part)

@@ -8,10 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Ints, distinct_sides
+from elvis.core.arrays import Bools, Ints, distinct_sides, index_type
+from elvis.core.mapping.orientation import chunks
 from elvis.core.shapes import Shape
 from elvis.plugins.projection.frames import orders
 from elvis.plugins.projection.vertices import connected_labels
@@ -19,6 +22,8 @@ from elvis.plugins.projection.vertices import connected_labels
 #: edges between the two triangles of a prism
 _UPRIGHT = ((0, 3), (1, 2), (4, 5))
 
+#: elements whose orders are chosen together
+_ELEMENTS_AT_ONCE = 1 << 16
 #: rounds after which pyramids stacked in circles remain unchanged
 _ROUNDS = 64
 
@@ -45,7 +50,7 @@ def ranks(blocks: Sequence[Corners], count: int) -> Ints:
             ends = np.concatenate([block.vertices[:, pair] for pair in _UPRIGHT])
             lines = connected_labels(lines, ends[:, 0], ends[:, 1])
     heights = _heights(blocks, lines)
-    result = np.empty(count, np.int64)
+    result = np.empty(count, index_type(count))
     result[np.lexsort((np.arange(count), lines, heights[lines]))] = np.arange(count)
     return result
 
@@ -67,13 +72,18 @@ def _heights(blocks: Sequence[Corners], lines: Ints) -> Ints:
 
 def chosen_orders(block: Corners, rank: Ints) -> Ints:
     """(n,) which of the `orders` of its shape each element takes."""
-    own, table = rank[block.vertices], np.array(orders(block.shape, block.is_mirrored))
-    if len(table) == 1 or not len(own):
-        return np.zeros(len(own), np.int64)
-    if block.shape is Shape.TETRAHEDRON:
-        return _ascending(own, table)
+    table = np.array(orders(block.shape, block.is_mirrored))
+    chosen: NDArray[Any] = np.zeros(len(block.vertices), np.int8)
+    if len(table) > 1:
+        choose = _ascending if block.shape is Shape.TETRAHEDRON else _by_highest
+        for part in chunks(len(chosen), _ELEMENTS_AT_ONCE):
+            chosen[part] = choose(rank[block.vertices[part]], table)
+    return chosen
 
-    # prisms: the upright edge with the highest vertex becomes the collapsed one
+
+def _by_highest(own: Ints, table: Ints) -> Ints:
+    """The orders of prisms with ranks ``own`` (n, 6) of their vertices."""
+    # the upright edge with the highest vertex becomes the collapsed one
     upright = np.stack([own[:, list(pair)].max(axis=1) for pair in _UPRIGHT], axis=1)
     highest = upright.argmax(axis=1)
     places = np.array([[set(pair) for pair in _UPRIGHT].index({order[4], order[5]}) for order in table])
@@ -105,8 +115,8 @@ def conflicting_elements(blocks: Sequence[Corners], rank: Ints) -> list[Bools]:
 
     # a triangle is disputed where the vertices at which it is collapsed are not all one
     collapsed = np.concatenate([ranked[i][:, face[2]] for i, face in views])
-    lowest = np.full(len(first), np.iinfo(np.int64).max)
-    highest = np.full(len(first), -1)
+    lowest = np.full(len(first), np.iinfo(collapsed.dtype).max, collapsed.dtype)
+    highest = np.full(len(first), -1, collapsed.dtype)
     np.minimum.at(lowest, triangle, collapsed)
     np.maximum.at(highest, triangle, collapsed)
     is_disputed = lowest < highest

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, distinct, frozen_floats, frozen_ints
+from elvis.core.arrays import Floats, Ints, distinct, frozen_floats, frozen_ints, index_type, narrow_ints, numbered
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.mapping.connectivity import connected
 from elvis.core.mapping.mode_entities import entities
@@ -166,13 +166,14 @@ def _vertices(
 ) -> tuple[Ints, list[Ints], Floats]:
     """The source's number of each vertex, the vertices of each block's elements, and where they lie."""
     counts = [p.shape[0] * p.shape[1] for p in places]
-    stacked = np.full(sum(counts), -1)
+    most = max((int(block.vertices.max(initial=0)) for block in blocks if block.vertices is not None), default=0)
+    stacked = np.full(sum(counts), -1, index_type(most + 1))
     for block, part in zip(blocks, np.split(stacked, np.cumsum(counts)[:-1]), strict=True):
         if block.vertices is not None:
             part[:] = np.reshape(block.vertices, -1)
     corners = [p.reshape(-1, 3) for p in places]
     vertex, where = merge_vertices(stacked, np.concatenate(corners) if len(corners) > 1 else corners[0], tolerance)
-    own = np.full(len(where), -1)
+    own = np.full(len(where), -1, stacked.dtype)
     own[vertex] = stacked
     parts = np.split(vertex, np.cumsum(counts)[:-1])
     return own, [part.reshape(p.shape[:2]) for part, p in zip(parts, places, strict=True)], where
@@ -197,8 +198,11 @@ def _is_left_handed(shape: Shape, places: Floats, elements: Ints, is_planar: boo
 
 def _part_repeated(draft: _Draft, pool: _Pool) -> Ints:
     """Rows of elements with a vertex at several corners; they get vertices of their own."""
-    ordered = np.sort(draft.vertices, axis=1)
-    rows = np.flatnonzero((ordered[:, 1:] == ordered[:, :-1]).any(axis=1))
+    is_repeated = np.zeros(len(draft.vertices), bool)
+    for part in chunks(len(is_repeated), _ELEMENTS_AT_ONCE):
+        ordered = np.sort(draft.vertices[part], axis=1)
+        is_repeated[part] = (ordered[:, 1:] == ordered[:, :-1]).any(axis=1)
+    rows = np.flatnonzero(is_repeated)
     draft.vertices = draft.vertices.copy()
     draft.vertices[rows] = pool.copies(draft.vertices[rows])
     return rows
@@ -223,11 +227,13 @@ def _order(drafts: Sequence[_Draft], pool: _Pool) -> list[Ints]:
         corners = draft.corners
         draft.order = chosen_orders(corners, rank)
         table = np.array(_native_orders(draft))
-        draft.vertices = np.take_along_axis(draft.vertices, table[draft.order], axis=1)
+        for part in chunks(len(draft.vertices), _ELEMENTS_AT_ONCE):
+            own = draft.vertices[part]
+            own[:] = np.take_along_axis(own, table[draft.order[part]], axis=1)
     marks = conflicting_elements([draft.corners for draft in drafts], rank)
     for draft, mark in zip(drafts, marks, strict=True):
         draft.vertices[mark] = pool.copies(draft.vertices[mark])
-    rank = np.concatenate([rank, np.arange(len(rank), len(pool.places))])
+    rank = np.concatenate([rank, numbered(len(pool.places) - len(rank), len(rank))])
     pool.renumber(rank)
     for draft in drafts:
         draft.vertices = rank[draft.vertices]
@@ -273,7 +279,7 @@ def _assemble(
 
 
 def _native(draft: _Draft, ids: Ints, first: int) -> NativeBlock:
-    rows = np.arange(len(draft.vertices))
+    rows = numbered(len(draft.vertices))
     return NativeBlock(
         draft.number,
         draft.elements,
@@ -282,7 +288,7 @@ def _native(draft: _Draft, ids: Ints, first: int) -> NativeBlock:
         draft.order,
         draft.is_mirrored,
         rows,
-        first + rows,
+        numbered(len(rows), first),
         ids,
     )
 
@@ -303,6 +309,7 @@ def _ids(blocks: Sequence[Elements]) -> list[Ints]:
         ids = [np.asarray(block.ids, np.int64) for block in blocks]
         stacked = np.concatenate(ids)
         if stacked.min(initial=0) >= 0 and len(distinct(stacked)) == len(stacked):
-            return ids
-    ends = np.cumsum([len(block) for block in blocks])
-    return [np.arange(end - len(block), end) for block, end in zip(blocks, ends, strict=True)]
+            most = int(stacked.max(initial=0))
+            return [narrow_ints(own, most + 1) for own in ids]
+    firsts = np.cumsum([0, *(len(block) for block in blocks)]).tolist()
+    return [numbered(len(block), first) for block, first in zip(blocks, firsts, strict=False)]

@@ -117,7 +117,7 @@ class Traces:
             taken = np.flatnonzero(modes != _NEVER)
             for own in members(kind):
                 np.minimum.at(keys, own[taken], modes[taken] * total + first_face_row(self.mesh, kind) + taken)
-        return keys % max(total, 1)
+        return narrow_ints(keys % max(total, 1), total)
 
     def gather(self, coefficients: Sequence[Floats]) -> Skins:
         """The coefficients of all vertices, edges and faces, from those (n, c, m) of each block."""

@@ -40,7 +40,7 @@ def merge_vertices(numbers: Ints, corners: Floats, tolerance: float) -> tuple[In
     cluster = np.zeros(len(numbers), np.int64)
     rows = np.flatnonzero(unsure)
     cluster[rows] = clusters(corners[rows], tolerance)
-    first, vertex = groups(which * (1 + int(cluster.max())) + cluster)
+    first, vertex = groups(which.astype(np.int64) * (1 + int(cluster.max())) + cluster)
     return vertex, corners[first]
 
 
