@@ -44,11 +44,10 @@ def feet(sides: SideSet, which: Ints, world: Floats) -> Feet:
     points = np.zeros((len(which), 2))
     distance = np.full(len(which), np.inf)
     inside = np.zeros(len(which), bool)
-    for group, here in sides.parted(which):
+    for group, here, rows in sides.parted(which):
         for part in chunks(len(here), PAIRS):
             own = here[part]
-            rows = sides.row[which[own]]
-            points[own], distance[own] = _on_group(group, rows, world[own])
+            points[own], distance[own] = _on_group(group, rows[part], world[own])
             inside[own] = is_within(group.corners, points[own])
     return Feet(points, distance, inside)
 

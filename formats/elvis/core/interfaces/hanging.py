@@ -127,7 +127,7 @@ def _are_collapsed(sides: SideSet) -> Bools:
         sizes[part] = np.linalg.norm(box[:, 3:] - box[:, :3], axis=1)
         extent = _widened(extent, box)
     scale = float((extent[1] - extent[0]).max()) if len(sides) else 0.0
-    flat = np.array([group.corners > 2 for group in sides.groups], bool)[sides.group]
+    flat = np.repeat([group.corners > 2 for group in sides.groups], [len(group) for group in sides.groups])
     return np.asarray((greatest <= COLLAPSED * np.where(flat, sizes**2, scale)) | (sizes <= COLLAPSED * scale))
 
 
@@ -365,9 +365,9 @@ def _meet_unless(is_done: Bools, low: Floats, high: Floats, boxes: Boxes, rows: 
 def fluxes(sides: SideSet, chosen: Ints) -> tuple[Floats, Floats]:
     """(k,) areas of the sides ``chosen`` (k,), and (k, 4) the integrals of the normal n over them, and of x . n."""
     area, flux = np.zeros(len(chosen)), np.zeros((len(chosen), 4))
-    for group, here in sides.parted(chosen):
+    for group, here, rows in sides.parted(chosen):
         for part in chunks(len(here), SIDES_AT_ONCE):
-            sums = _integrals(group, sides.row[chosen[here[part]]])
+            sums = _integrals(group, rows[part])
             flux[here[part]], area[here[part]] = sums[:, :4], sums[:, 4]
     return area, flux
 

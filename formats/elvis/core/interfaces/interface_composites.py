@@ -45,6 +45,8 @@ def with_interfaces(dataset: Dataset, outline: str | None, precision: float, kno
     owners = owners_of_sides(mesh, [own.members for own in mesh.elements.values()])
     overlap = _overlap(mesh, owners)
     sides = side_set(dataset, owners == 1)
+    # the search takes most memory
+    del owners
     named = _named(mesh, ids, outline)
     is_oriented = mesh.space == mesh.dimension
     found = hanging(sides, named[sides.entity], is_oriented, precision)

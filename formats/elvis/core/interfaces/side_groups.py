@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_floats, frozen_ints, narrow_ints, numbered
+from elvis.core.arrays import Bools, Floats, Ints, frozen_floats, frozen_ints, narrow_ints
 from elvis.core.dataset import Dataset, Expansion
 from elvis.core.distances.boundaries import side_coefficients, side_degree, sides_of
 from elvis.core.distances.surface_patches import CORNERS, WHOLE, SurfacePatches
@@ -37,7 +37,6 @@ class SideGroup:
     block    the maps of elements, some of which have the sides
     rows     (n,) the element of each side among those of the block
     local    the element's vertices around the side
-    entity   (n,) rows of the sides in the mesh
 
     Sides of straight elements are derived from the vertices when they are needed; those of others are stored.
     """
@@ -45,10 +44,9 @@ class SideGroup:
     block: Part
     rows: Ints
     local: tuple[int, ...]
-    entity: Ints
 
     def __len__(self) -> int:
-        return len(self.entity)
+        return len(self.rows)
 
     @property
     def expansion(self) -> Expansion:
@@ -127,68 +125,66 @@ class SideGroup:
 class SideSet:
     """Sides of several groups, numbered group after group.
 
-    group, row  (n,) the group of each side, and its row there
-    entity      (n,) rows of the sides in the mesh
-    element     (n,) a number for the element of each side
-    degree      the largest of the map along a side
+    entity   (n,) rows of the sides in the mesh
+    element  (n,) a number for the element of each side
+    degree   the largest of the map along a side
     """
 
-    def __init__(self, groups: Sequence[SideGroup]) -> None:
+    def __init__(self, groups: Sequence[SideGroup], entities: Sequence[Ints]) -> None:
+        """Groups, and rows of their sides in the mesh."""
         self.groups = tuple(groups)
-        counts = [len(group) for group in groups]
-        self.group = np.repeat(np.arange(len(groups), dtype=np.int32), counts)
-        self.row = np.concatenate([np.empty(0, np.int32), *map(numbered, counts)])
-        self.entity = np.concatenate([np.empty(0, np.int32), *(group.entity for group in groups)])
+        self._starts = np.cumsum([0, *map(len, groups)])
+        self.entity = np.concatenate([np.empty(0, np.int32), *entities])
         self.element = np.concatenate([np.empty(0, np.int32), *map(_elements, groups)])
         self.degree = max((group.degree for group in groups), default=1)
 
     def __len__(self) -> int:
         return len(self.entity)
 
-    def parted(self, sides: Ints) -> Iterator[tuple[SideGroup, Ints]]:
-        """Each group with the places of its own among ``sides`` (k,)."""
-        group = self.group[sides]
+    def parted(self, sides: Ints) -> Iterator[tuple[SideGroup, Ints, Ints]]:
+        """Each group with the places of its own among ``sides`` (k,), and their rows in the group."""
+        group = np.searchsorted(self._starts, sides, side="right") - 1
         for number in np.unique(group).tolist():
-            yield self.groups[number], np.flatnonzero(group == number)
+            here = np.flatnonzero(group == number)
+            yield self.groups[number], here, sides[here] - self._starts[number]
 
     def at(self, points: Floats, sides: Ints) -> Floats:
         """(k, 3) positions at points (k, 2) of ``sides`` (k,)."""
         found = np.empty((len(sides), 3))
-        for group, here in self.parted(sides):
-            patches, places = group.distinct_patches(self.row[sides[here]])
+        for group, here, rows in self.parted(sides):
+            patches, places = group.distinct_patches(rows)
             found[here] = patches.at(points[here], places)
         return found
 
     def normals(self, points: Floats, sides: Ints) -> tuple[Floats, Floats]:
         """(k, 3) normals into the element at points (k, 2) of ``sides`` (k,), and (k,) area factors."""
         found, factors = np.empty((len(sides), 3)), np.empty(len(sides))
-        for group, here in self.parted(sides):
+        for group, here, rows in self.parted(sides):
             for part in chunks(len(here), max(1, GRADIENTS // mode_count(group.expansion))):
                 own = here[part]
-                found[own], factors[own] = group.normals(points[own], self.row[sides[own]])
+                found[own], factors[own] = group.normals(points[own], rows[part])
         return found, factors
 
     def factors(self, points: Floats, sides: Ints) -> Floats:
         """(k,) length or area for each unit of the coordinates at points (k, 2) of ``sides`` (k,)."""
         found = np.empty(len(sides))
-        for group, here in self.parted(sides):
-            found[here] = group.factors(points[here], self.row[sides[here]])
+        for group, here, rows in self.parted(sides):
+            found[here] = group.factors(points[here], rows)
         return found
 
     def boxes(self, sides: Ints) -> Floats:
         """(k, 6) low and high corners of boxes that hold ``sides`` (k,)."""
         found = np.empty((len(sides), 6))
-        for group, here in self.parted(sides):
+        for group, here, rows in self.parted(sides):
             for part in chunks(len(here), SIDES):
-                own = here[part]
-                found[own] = group.patches(self.row[sides[own]]).boxes
+                found[here[part]] = group.patches(rows[part]).boxes
         return found
 
     def corners(self, sides: Ints) -> Floats:
         """(k, 4, 3) corners of ``sides`` (k,); the last one is repeated where a side has fewer."""
         found = np.empty((len(sides), 4, 3))
-        for group, here in self.parted(sides):
-            own = group.patches(self.row[sides[here]]).vertices
+        for group, here, rows in self.parted(sides):
+            own = group.patches(rows).vertices
             found[here] = own[:, np.minimum(np.arange(4), group.corners - 1)]
         return found
 
@@ -199,7 +195,7 @@ class SideSet:
         """
         places: list[Ints] = [np.empty(0, np.int64)]
         points: list[Floats] = [np.empty((0, 2))]
-        for group, here in self.parted(sides):
+        for group, here, _ in self.parted(sides):
             own = _probes(group.corners) if count == 0 else lattice(group.corners, count)
             places.append(np.repeat(here, len(own)))
             points.append(np.tile(own, (len(here), 1)))
@@ -213,9 +209,12 @@ def side_set(dataset: Dataset, wanted: Bools) -> SideSet:
     """
     wanted = wanted.copy()
     groups: list[SideGroup] = []
+    entities: list[Ints] = []
     for part in geometry(dataset) if is_shared(dataset.mesh) else parts(dataset):
-        groups += _groups_of(dataset, _with_sides(dataset, part, wanted), wanted)
-    return SideSet(groups)
+        for group, own in _groups_of(dataset, _with_sides(dataset, part, wanted), wanted):
+            groups.append(group)
+            entities.append(own)
+    return SideSet(groups, entities)
 
 
 def _with_sides(dataset: Dataset, part: Part, wanted: Bools) -> Part:
@@ -227,8 +226,8 @@ def _with_sides(dataset: Dataset, part: Part, wanted: Bools) -> Part:
     return GeometryBlock(part.expansion, frozen_ints(ids[rows]), frozen_floats(part.take(rows)))
 
 
-def _groups_of(dataset: Dataset, block: Part, wanted: Bools) -> Iterator[SideGroup]:
-    """The requested sides of a block's elements, which are then removed from the request."""
+def _groups_of(dataset: Dataset, block: Part, wanted: Bools) -> Iterator[tuple[SideGroup, Ints]]:
+    """The requested sides of a block's elements, removed from the request, and their rows in the mesh."""
     shape = block.expansion.shape
     members = sides_of(dataset.mesh, shape, block.element_ids)
     for number, local in enumerate(shape.edges if shape.dimension == 2 else shape.faces):
@@ -237,7 +236,7 @@ def _groups_of(dataset: Dataset, block: Part, wanted: Bools) -> Iterator[SideGro
             continue
         entity = members[rows, number]
         wanted[entity] = False
-        yield SideGroup(block, narrow_ints(rows, len(block)), local, entity)
+        yield SideGroup(block, narrow_ints(rows, len(block)), local), entity
 
 
 def _elements(group: SideGroup) -> Ints:
