@@ -418,16 +418,19 @@ def test_bounds_of_bisected_pairs_include_the_rounding_of_halves(monkeypatch):
     assert pairs._halved(boxes, composed) == pytest.approx(1.6, rel=1e-14)
 
 
-def test_closed_pairs_of_bent_elements_count_with_their_bounds():
-    """Constants 1.00005 and 0 apart where a difference of 1 was found."""
+@pytest.mark.parametrize(("largest", "most"), [(1.00005, bent_pairs._MOST_PAIRS), (3.0, 0)])
+def test_all_pairs_of_bent_elements_count_with_their_bounds(largest, most, monkeypatch):
+    """Closed ones, differing by 1.00005 where 1 was found, and open ones if there are too many to bisect them."""
+    monkeypatch.setattr(bent_pairs, "_MOST_PAIRS", most)
     places = np.tile(np.stack(np.meshgrid([0.0, 1.0], [0.0, 1.0], indexing="ij")), (2, 1, 1, 1))
-    values = np.array([1.00005, 0.5])
+    values = np.array([largest, 1.5 if largest > 2 else 0.5])
 
     def side(constants):
         nets = np.broadcast_to(constants[:, None, None], (2, 2, 2))
         return SimpleNamespace(places=places, place_error=np.zeros((2, 2)), box=nets, box_error=np.zeros(2))
 
-    bound, _ = bent_pairs.bound_of_bent_pairs(side(values), side(0 * values), np.arange(2), np.arange(2), 1.0)
+    bound, points = bent_pairs.bound_of_bent_pairs(side(values), side(0 * values), np.arange(2), np.arange(2), 1.0)
+    assert points.shape[1] == 3
     assert values[0] <= bound <= values[0] * (1 + 1e-12)
 
 

@@ -1,7 +1,7 @@
 """Bounds of maps, their inverses and their determinants: values lie within them, some near their ends (claims.py)."""
 
 from dataclasses import replace
-from itertools import product
+from itertools import permutations, product
 from types import SimpleNamespace
 
 import numpy as np
@@ -520,9 +520,33 @@ def test_all_roundings_of_quick_determinants_are_counted(monkeypatch):
     size = 1 + of_values
     counted = 6 * (3 * of_values * size**2 + ((1 + COARSE) ** 5 - 1) * size**3)
     assert counted <= found <= 1.5 * counted
+    monkeypatch.setattr(enclosed_determinants, "_DETERMINANT", 0)
+    (found,) = enclosed_determinants._error(ones)
+    assert found == pytest.approx(6 * 3 * of_values * size**2)
+    monkeypatch.setattr(enclosed_determinants, "_DETERMINANT", 8)
     monkeypatch.setattr(enclosed_determinants, "value_roundings", lambda sizes: 0)
     (found,) = enclosed_determinants._error(ones)
     assert 6 * ((1 + COARSE) ** 5 - 1) <= found <= 2 * 6 * 5 * COARSE
+
+
+def test_errors_of_quick_determinants_are_those_of_products_of_their_entries(monkeypatch):
+    """Entries of any size that are off by parts of it, all in the worst way: in one column, and in all."""
+    monkeypatch.setattr(enclosed_determinants, "gamma", lambda roundings: 0.0)
+    space = BernsteinSpace(Shape.HEXAHEDRON, (1, 1, 1))
+    rng = np.random.default_rng(8)
+    sizes, parts = 10.0 ** rng.uniform(-1, 1, (3, 3)), 10.0 ** rng.uniform(-2, -1, (3, 3))
+    nets = [[np.full((space.count, 1), size) for size in column] for column in sizes]
+    ways = list(permutations(range(3)))
+    for mask, room in [*((own, 1e-12) for own in np.eye(3)), (np.ones(3), 0.2)]:
+        errors = mask[:, None] * parts * sizes
+        columns = [
+            [Polynomials(space, net, np.full(1, error)) for net, error in zip(*own, strict=True)]
+            for own in zip(nets, errors, strict=True)
+        ]
+        (found,) = enclosed_determinants._error(columns)
+        worst, exact = ([own[range(3), way].prod() for way in ways] for own in (sizes + errors, sizes))
+        away = np.subtract(worst, exact).sum()
+        assert away * (1 - 1e-12) <= found <= away * (1 + room)
 
 
 @pytest.mark.parametrize(("part", "is_known"), [(0.99, True), (1.01, False)])
