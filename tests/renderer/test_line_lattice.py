@@ -22,6 +22,12 @@ FOUND = {
     "first_cells": 2,
     "left": 2,
     "empty": 2,
+    "center": 2,
+    "right": 2,
+    "below": 2,
+    "remains": 1,
+    "start": 2,
+    "end": 2,
 }
 #: margins of the unit square's half below the diagonal: x, y, and 1 - x - y
 FACETS = np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0], [-1.0, -1.0, 0, 1.0]])
@@ -61,6 +67,23 @@ class Squares:
         self.nodes[-2:] = 2 * flat - [2.125, 0, 0]
         self.nodes[-2:, :, 0] += np.array([[-0.5e-10], [-1.5e-10]])
 
+        self._thin(rng)
+        self.segments = rng.uniform(0, 2, (COUNT, 2, 2))
+
+    def _thin(self, rng):
+        """Elements that are narrow in one direction of the pixel, and have a point in its square."""
+        self.center, self.base, point = rng.uniform(-1, 1, (3, COUNT, 2))
+        turns = np.linalg.qr(rng.normal(size=(2, COUNT, 2, 2)))[0]
+        stretch = np.stack([rng.uniform(3, 40, COUNT), rng.uniform(0.05, 0.6, COUNT)], axis=1)
+        self.linear = np.einsum("nik,nk,njk->nij", turns[0], stretch, turns[1])
+        inside = rng.dirichlet(np.ones(3), COUNT)[:, :2]
+        self.reference = inside - np.einsum("nij,nj->ni", self.linear, self.center + 0.5 * point - self.base)
+
+    def margins_in_pixels(self, places):
+        """(n, k, 3) margins of the thin elements at places (n, k, 2)."""
+        found = self.reference[:, None] + np.einsum("nij,nkj->nki", self.linear, places - self.base[:, None])
+        return found @ FACETS[:, :2].T + FACETS[:, 3]
+
     def at(self, places):
         x, y = (places - self.middle).T
         a, b, c = self.form.T
@@ -81,6 +104,8 @@ class Squares:
     def rows(self):
         one = np.tile([0.3, 0.3, 0.0, 1.0, 0.2, 0.0, 0.1, 1.0, 0.0], (COUNT, 1))
         columns = [self.level, self.noise, self.first, self.second, self.triangle, one, self.nodes]
+        columns += [np.pad(own, ((0, 0), (0, 1))) for own in (self.reference, *np.moveaxis(self.linear, 2, 0))]
+        columns += [self.base, self.center, self.segments]
         return rows_of(COUNT, columns)
 
 
@@ -217,6 +242,41 @@ def test_empty_cells_have_no_point_in_the_element_within_half_a_cell(squares, fo
     assert not (empty & ~is_outside).any()
     assert np.array_equal(empty[1::2], is_outside[1::2])
     assert empty[::2].sum() > 0.3 * is_outside[::2].sum()
+
+
+def test_squares_in_thin_elements_are_narrower_and_leave_nothing_out(squares, found):
+    """Points of the element in the square are in what remains of it, some of which are near its sides."""
+    places = squares.center[:, None] + np.random.default_rng(11).uniform(-0.5, 0.5, (COUNT, 4000, 2))
+    is_inside = (squares.margins_in_pixels(places) >= 0).all(axis=2)
+    sides = np.stack([found["right"], found["below"]], axis=1)
+    away = np.einsum("nsi,nki->nks", sides, places - found["center"][:, None]) / (sides**2).sum(axis=2)[:, None]
+    is_narrow = np.linalg.norm(found["right"], axis=1) < 0.499
+    assert is_narrow.mean() > 0.3
+    farthest = np.where(is_inside[..., None], np.abs(away), 0.0).max(axis=1)
+    assert (farthest <= 1 + 1e-9).all()
+    # half the width is 0.75 of the extent: places reach two thirds of it
+    assert farthest[is_narrow, 0].max() > 0.6
+
+
+def test_lines_are_clipped_to_the_element(squares, found):
+    """To where margins along them, linear between both ends, are 0."""
+    start, end = np.moveaxis(squares.segments, 1, 0)
+    margins = np.stack(
+        [
+            [margins_at(own[None], *place)[0] for own, place in zip(squares.nodes, line, strict=True)]
+            for line in (start, end)
+        ]
+    )
+    with np.errstate(all="ignore"):
+        meets = margins[0] / (margins[0] - margins[1])
+    low = np.where(margins[0] < 0, meets, 0.0).max(axis=1)
+    high = np.where((margins[0] >= 0) & (margins[1] < 0), meets, 1.0).min(axis=1)
+    remains = ~((margins < 0).all(axis=0).any(axis=1)) & (low <= high)
+    assert np.array_equal(found["remains"] > 0, remains)
+    assert 5 < remains.sum() < COUNT - 5
+    for name, part in (("start", low), ("end", high)):
+        place = start + part[:, None] * (end - start)
+        assert np.abs(found[name] - place)[remains].max() < 1e-9
 
 
 def weights_at(x, y):
