@@ -108,7 +108,11 @@ def rays():
 
 @pytest.fixture(scope="module")
 def enclosed(functions, rays):
-    kernel = functions("volume_enclose")
+    return enclosures(functions("volume_enclose"), rays)
+
+
+def enclosures(kernel, rays):
+    """The results of a kernel for rays, by name."""
     given = {
         "polynomials": rays.coefficients,
         "bent": bends_of(rays),
@@ -258,6 +262,20 @@ def test_parts_of_enclosures_follow_from_derivatives(rays, enclosed):
     assert enclosed["turned"][known][..., 1] == pytest.approx(widths, rel=1e-9, abs=0)
     of_map = 2 * degree * map_errors + 32 * enclosed["skewness"][:, None] * UNIT + map_bends * placed[:, None]
     assert enclosed["turned"][known][..., 3] == pytest.approx(np.repeat(of_map[known], 3, axis=1), rel=1e-3, abs=0)
+
+
+def test_polynomials_have_discs_of_their_first_derivatives(functions, rays):
+    """Errors of places count with the derivatives on the smallest ellipse, unless they exceed its room."""
+    found = enclosures(functions("volume_enclose", "export static const bool plain = true;"), rays)
+    known, rows, placed = found["known"] > 0, np.arange(COUNT), found["placed"]
+    steep = bends_of(rays)[:, 3, :, 0]
+    around = steep[rows, found["ellipse"].astype(int)]
+    inside = np.where(placed < 5e-3, steep[:, 0], around)
+    middle, radius, _, error = found["fields"][known, 0, :4].T
+    assert middle == pytest.approx(jets_of(rays.coefficients, rays.r[:, None])[known, 0, 3, 0], rel=1e-12, abs=0)
+    assert radius == pytest.approx((around * found["reach"])[known], rel=1e-12, abs=0)
+    assert error == pytest.approx((inside * placed + rays.errors[:, 3])[known], rel=1e-9, abs=0)
+    assert {*(placed < 5e-3)[known]} == {True, False}
 
 
 def test_points_that_newtons_method_finds_are_as_close_to_the_ray_as_their_last_step_says(rays, enclosed):
