@@ -6,7 +6,7 @@ import pytest
 from elvis import Camera, CutSurface, Dataset, Faces, Isosurface, Plane, Scene, Shape, Streamlines, render
 from elvis.core.testing import curved, grid, mixed_plane, mixed_volume, with_field
 from elvis.plugins.sample_data import wing
-from elvis.renderer.domain_outline import _edges_of_faces, boundary_surface
+from elvis.renderer.domain_outline import _edges_of_faces, _numbers, boundary_surface
 from elvis.scene.view import View
 
 LEVEL = Isosurface((0.5,))
@@ -49,6 +49,12 @@ def test_faces_are_counted_with_triangles_first():
     found = list(_edges_of_faces(Dataset(mesh), rows))
     assert np.array_equal(found[0], triangles[-1:])
     assert np.array_equal(found[1], squares[[2, 0]])
+
+
+def test_pairs_of_vertices_have_different_numbers_in_large_meshes():
+    """Rows of vertices are of 32 bits, their products are not."""
+    pairs = np.array([[70000, 46341], [0, 0], [46341, 70000]], np.int32)
+    assert _numbers(pairs, 92682).tolist() == [46341 * 92682 + 70000, 0, 46341 * 92682 + 70000]
 
 
 @pytest.mark.parametrize("fov", [None, 30.0])

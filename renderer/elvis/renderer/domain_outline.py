@@ -241,7 +241,7 @@ def _edges_of_faces(dataset: Dataset, rows: Ints) -> Iterator[Ints]:
 
 def _numbers(pairs: Ints, size: int) -> Ints:
     """(n,) a number for each pair (n, 2) of vertices, in either order."""
-    return np.asarray(pairs.min(axis=1) * size + pairs.max(axis=1))
+    return np.asarray(pairs.min(axis=1).astype(np.int64) * size + pairs.max(axis=1))
 
 
 def _unit(vectors: Floats) -> Floats:
