@@ -242,7 +242,8 @@ class Skins:
             worst, own = np.zeros(self.width), coefficients[number]
             for here, carried, seen in self._traces.views(number, rows, self):
                 given, difference = seen.transpose(0, 2, 1), own[here[:, None], :, carried]
-                difference -= given
+                with np.errstate(invalid="ignore"):  # values that are not finite remain so
+                    difference -= given
                 largest = np.abs(difference, out=difference).max(axis=(0, 1), initial=0)
                 worst = np.maximum(worst, largest)
                 if largest.any():
