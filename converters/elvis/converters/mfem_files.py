@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from elvis.converters.inputs import is_count
+from elvis.converters.mfem_quadrature import QUADRATURE
 from elvis.core.arrays import Floats
 from elvis.core.errors import FormatError
 from elvis.core.files.plain import content, json_content, leading
@@ -30,6 +31,8 @@ _PER_SECOND, _LONGEST = 10**9, 3600
 _FEW_DIGITS, _LOOKED_AT = 9, 500
 
 
+#: first lines of the descriptions of spaces
+SPACES = ("FiniteElementSpace", "MFEM FiniteElementSpace v1.0", QUADRATURE)
 #: beginnings of files of complex grid functions, in serial and of a process
 COMPLEX = ("ComplexGridFunction", "ParComplexGridFunction")
 
@@ -55,7 +58,7 @@ def is_mesh(path: Path) -> bool:
 
 def is_field(path: Path) -> bool:
     """Whether a file begins as grid functions do."""
-    return first_line(path) in ("FiniteElementSpace", "MFEM FiniteElementSpace v1.0", *COMPLEX, "QuadratureSpace")
+    return first_line(path) in (*SPACES, *COMPLEX)
 
 
 def is_root(path: Path) -> bool:
@@ -184,7 +187,7 @@ def values_after_header(path: Path, text: str, count: int, is_last: bool) -> Flo
 def header_end(path: Path, text: str) -> int:
     """End of the last description of a space in a text; raises FormatError without one."""
     ends = r"Ordering: *\d+|End: MFEM FiniteElementSpace v1\.0"
-    if text.startswith("QuadratureSpace"):
+    if text.startswith(QUADRATURE):
         ends = r"VDim: *\d+"
     header = list(re.finditer(rf"(?m)^({ends}) *$", text))
     if not header:

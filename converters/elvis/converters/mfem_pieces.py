@@ -12,16 +12,14 @@ from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 
-from elvis.converters.mfem_files import COMPLEX, first_line, header_end, is_mesh, load
-from elvis.converters.mfem_quadrature import QUADRATURE
+from elvis.converters.mfem_files import COMPLEX, SPACES, first_line, header_end, is_mesh, load
 from elvis.core.errors import FormatError
 
 #: first words of streams with functions and without; ``keys`` follow the numbers of some
 _STREAM = re.compile(r"(?:parallel +(\d+) +(\d+)\s+)?(solution|quadrature|v?fem[23]d_gf_data(?:_keys)?|mesh)\s*")
 
 _SHARED = re.compile(r"(?m)^(mfem_serial_mesh_end|communication_groups)\s*$")
-_SPACES = rf"FiniteElementSpace|MFEM FiniteElementSpace v1\.0|{QUADRATURE}"
-_FUNCTION = re.compile(rf"(?m)^(?:(?:{'|'.join(COMPLEX)})\s+)?(?:{_SPACES})\s*$")
+_FUNCTION = re.compile(rf"(?m)^(?:(?:{'|'.join(COMPLEX)})\s+)?(?:{'|'.join(map(re.escape, SPACES))})\s*$")
 _GROUP = re.compile(r"(?m)^\d+((?: \d+)+)\s*$")
 
 #: names of pieces; last line of meshes of some versions
