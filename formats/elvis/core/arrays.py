@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,8 @@ Ints: TypeAlias = NDArray[np.int64]
 Bools: TypeAlias = NDArray[np.bool_]
 #: structured arrays: NumPy's types say nothing of their columns, over which a type checker puzzles for seconds a line
 Records: TypeAlias = Any
+#: type of the numbers of arrays
+Number = TypeVar("Number", bound=np.generic)
 
 
 def frozen_floats(values: object) -> Floats:
@@ -43,7 +45,7 @@ def frozen_view(values: NDArray[Any]) -> NDArray[Any]:
 def index_type(below: int) -> Any:
     """Type of numbers less than ``below``: 32 bits where these are enough.
 
-    Products of two such numbers need 64 bits.
+    Products of two such numbers need 64 bits: `pair_numbers`.
     """
     return np.int32 if below <= 1 << 31 else np.int64
 
@@ -56,6 +58,16 @@ def narrow_ints(values: Ints, below: int) -> NDArray[Any]:
 def numbered(count: int, first: int = 0) -> NDArray[Any]:
     """(count,) numbers from ``first`` up, as by `narrow_ints`."""
     return frozen_view(np.arange(first, first + count, dtype=index_type(first + count)))
+
+
+def pair_numbers(first: Ints, second: Ints, count: int) -> Ints:
+    """A 64-bit number for each pair of numbers of any type, the second ones less than ``count``."""
+    return np.asarray(first.astype(np.int64) * count + second)
+
+
+def concatenated(arrays: Sequence[NDArray[Number]], axis: int = 0) -> NDArray[Number]:
+    """Arrays one after another along an axis; without a copy if there is only one."""
+    return arrays[0] if len(arrays) == 1 else np.concatenate(arrays, axis)
 
 
 def largest(values: Floats) -> float:

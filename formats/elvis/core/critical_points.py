@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints, pair_numbers
 from elvis.core.dataset import Dataset
 from elvis.core.distances.boundaries import outer_sides, owners_of_sides
 from elvis.core.errors import ElvisError
@@ -221,7 +221,7 @@ class _Outer:
 
 def _codes(first: Ints, second: Ints, count: int) -> Ints:
     """One number for each unordered pair of vertices."""
-    return np.asarray(np.minimum(first, second).astype(np.int64) * count + np.maximum(first, second))
+    return pair_numbers(np.minimum(first, second), np.maximum(first, second), count)
 
 
 def size(patches: Sequence[Patch]) -> float:

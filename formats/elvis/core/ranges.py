@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints, concatenated
 from elvis.core.bounded_cache import bounded_cache
 from elvis.core.dataset import Block, Expansion
 from elvis.core.mapping.orientation import even_chunks
@@ -126,7 +126,7 @@ def _stacked(fields: Sequence[Blocks]) -> list[_Stack]:
         expansion = blocks[0][0]
         counts = [len(coefficients) for _, coefficients in blocks]
         every = [coefficients for _, coefficients in blocks]
-        coefficients = every[0] if len(every) == 1 else np.concatenate(every)
+        coefficients = concatenated(every)
         found.append(_Stack(expansion, np.repeat(np.arange(len(blocks)), counts), coefficients))
     return found
 

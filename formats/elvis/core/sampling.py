@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from elvis.core import describing
-from elvis.core.arrays import Floats, Ints
+from elvis.core.arrays import Floats, Ints, concatenated
 from elvis.core.conversion_errors import ConversionErrors, Loss
 from elvis.core.dataset import Dataset
 from elvis.core.errors import ElvisError
@@ -153,11 +153,11 @@ def by_points(probe: Callable[[Floats], Columns], points: Floats, names: Sequenc
     for start in range(first, max(end, first + 1), _POINTS_AT_ONCE):
         found = dict(probe(points[start : min(start + _POINTS_AT_ONCE, end)]))
         parts.append({**found, "point": found["point"] + start})
-    own = {name: np.concatenate([part.pop(name) for part in parts]) for name in list(parts[0])}
+    own = {name: concatenated([part.pop(name) for part in parts]) for name in list(parts[0])}
     every = ranks.gather(own, f"{names} at {len(points)} points")
     if not every:
         return {name: column[:0] for name, column in own.items()}
-    return {name: np.concatenate([part[name] for part in every]) for name in own} if len(every) > 1 else own
+    return {name: concatenated([part[name] for part in every]) for name in own}
 
 
 def by_elements(own: Samples, points: Floats, all: bool, ranks: Ranks) -> Columns:

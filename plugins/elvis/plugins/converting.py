@@ -10,7 +10,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from elvis.core.arrays import frozen_floats, frozen_ints
+from elvis.core.arrays import concatenated, frozen_floats, frozen_ints
 from elvis.core.dataset import MAP_FIELDS, MAP_KEY, Block, Dataset, Field
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.interfaces.interface_composites import with_interfaces
@@ -384,6 +384,6 @@ def _field(planes: Sequence[FieldFit], blocks: Sequence[NativeBlock], modes: Seq
             continue
         full = [padded(p.coefficients[i], block.expansion(p.modes[i]), block.expansion(many)) for p in planes]
         expansion = replace(block.expansion(many), homogeneous=first.field.homogeneous)
-        stacked = full[0] if len(full) == 1 else np.concatenate(full, axis=1)
+        stacked = concatenated(full, axis=1)
         parts.append(Block(expansion, frozen_ints(block.ids), frozen_floats(stacked)))
     return Field(first.field.name, tuple(parts), all(each.is_continuous for each in planes))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints, pair_numbers
 from elvis.core.dataset import Dataset
 from elvis.core.distances.boundaries import ALL, Faces, bodies, faces_of, joined_sides
 from elvis.core.errors import ElvisError
@@ -241,7 +241,7 @@ def _edges_of_faces(dataset: Dataset, rows: Ints) -> Iterator[Ints]:
 
 def _numbers(pairs: Ints, size: int) -> Ints:
     """(n,) a number for each pair (n, 2) of vertices, in either order."""
-    return np.asarray(pairs.min(axis=1).astype(np.int64) * size + pairs.max(axis=1))
+    return pair_numbers(pairs.min(axis=1), pairs.max(axis=1), size)
 
 
 def _unit(vectors: Floats) -> Floats:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_floats, narrow_ints, numbered
+from elvis.core.arrays import Bools, Floats, Ints, frozen_floats, narrow_ints, numbered, pair_numbers
 from elvis.core.interfaces.crowded_sides import HOPELESS, POINTS_AT_ONCE, hopeless_sides, shares
 from elvis.core.interfaces.feet import feet
 from elvis.core.interfaces.side_groups import COLLAPSED, SideGroup, SideSet
@@ -307,7 +307,7 @@ class _Search:
 
     def _code(self, side: Ints, other: Ints) -> Ints:
         """(n,) a number for each pair of sides."""
-        return side.astype(np.int64) * len(self.sides) + other
+        return pair_numbers(side, other, len(self.sides))
 
     def _are_facing(self, points: Floats, side: Ints, others: Floats, other: Ints) -> Bools:
         """(n,) whether elements lie on opposite sides of two sides at points (n, 2) of both."""

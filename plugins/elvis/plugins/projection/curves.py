@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.arrays import Bools, Floats, Ints, concatenated, frozen_floats, frozen_ints
 from elvis.core.mapping.orientation import chunks, first_face_row
 from elvis.core.mesh import Curves, Mesh
 from elvis.core.polynomials.collapse import uncollapse
@@ -104,10 +104,5 @@ def _curves(parts: Sequence[tuple[Ints, PointsType, Floats]]) -> Curves:
         frozen_ints(np.concatenate([rows for rows, _, _ in parts])),
         frozen_ints(np.concatenate([np.full(len(rows), family) for rows, family, _ in parts])),
         frozen_ints(np.concatenate([[0], np.cumsum(sizes)])),
-        frozen_floats(_joined([points.reshape(-1, 3) for _, _, points in parts])),
+        frozen_floats(concatenated([points.reshape(-1, 3) for _, _, points in parts])),
     )
-
-
-def _joined(arrays: Sequence[Floats]) -> Floats:
-    """Arrays one after another; without a copy if there is only one."""
-    return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)

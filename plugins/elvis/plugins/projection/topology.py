@@ -7,7 +7,17 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, distinct, frozen_floats, frozen_ints, index_type, narrow_ints, numbered
+from elvis.core.arrays import (
+    Floats,
+    Ints,
+    concatenated,
+    distinct,
+    frozen_floats,
+    frozen_ints,
+    index_type,
+    narrow_ints,
+    numbered,
+)
 from elvis.core.errors import ElvisError, FormatError
 from elvis.core.mapping.connectivity import connected
 from elvis.core.mapping.mode_entities import entities
@@ -172,7 +182,7 @@ def _vertices(
         if block.vertices is not None:
             part[:] = np.reshape(block.vertices, -1)
     corners = [p.reshape(-1, 3) for p in places]
-    vertex, where = merge_vertices(stacked, np.concatenate(corners) if len(corners) > 1 else corners[0], tolerance)
+    vertex, where = merge_vertices(stacked, concatenated(corners), tolerance)
     own = np.full(len(where), -1, stacked.dtype)
     own[vertex] = stacked
     parts = np.split(vertex, np.cumsum(counts)[:-1])

@@ -7,7 +7,7 @@ from itertools import combinations, product
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, distinct_bits, groups
+from elvis.core.arrays import Bools, Floats, Ints, distinct_bits, groups, pair_numbers
 from elvis.core.mapping.orientation import chunks
 
 #: corners closer than this share of the nearest pair of corners of an element may be one vertex
@@ -40,7 +40,7 @@ def merge_vertices(numbers: Ints, corners: Floats, tolerance: float) -> tuple[In
     cluster = np.zeros(len(numbers), np.int64)
     rows = np.flatnonzero(unsure)
     cluster[rows] = clusters(corners[rows], tolerance)
-    first, vertex = groups(which.astype(np.int64) * (1 + int(cluster.max())) + cluster)
+    first, vertex = groups(pair_numbers(which, cluster, 1 + int(cluster.max())))
     return vertex, corners[first]
 
 
