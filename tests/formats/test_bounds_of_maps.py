@@ -311,7 +311,7 @@ def _lattice(dimension, count):
 
 @pytest.mark.parametrize("shape", [Shape.SEGMENT, Shape.QUADRILATERAL, Shape.HEXAHEDRON])
 def test_slopes_are_within_their_deviation(shape):
-    """Coefficients of order one, and modes 2 to 4 of the first direction alone, which reach the bound at a vertex."""
+    """Random coefficients stay within it; modes 2 to 4 of the first direction attain it at a vertex."""
     d = shape.dimension
     expansion = modified(shape, (5, 4, 3)[:d])
     coefficients = np.random.default_rng(d).normal(size=(COUNT + 3, d, mode_count(expansion)))

@@ -26,7 +26,7 @@ def square():
 
 @pytest.mark.parametrize(("of_bent", "wanted"), [(4.0, 5.0), (6.0, 6.0)])
 def test_differences_that_are_not_examined_have_the_bound_of_their_ranges(of_bent, wanted):
-    """Without a budget, pairs with affine maps; those without have a bound of their own."""
+    """Pairs with affine maps are not examined without a budget; other pairs have their own bound."""
     pairs = SimpleNamespace(
         _inner=SimpleNamespace(affine=SimpleNamespace(holds=np.ones(3, bool))),
         _composition=SimpleNamespace(degree=np.ones(3), count=1),
@@ -58,7 +58,7 @@ POWERS = [
 
 
 def test_powers_of_negative_numbers_have_the_sign_of_whole_exponents():
-    """Exponents that vary from place to place, each alone or in an interval; powers of 0 are held as well."""
+    """Exponents are single numbers or intervals, whose bounds also contain powers of 0."""
     bases, exponents, wanted = np.moveaxis(np.array(POWERS), 0, -1)
     with np.errstate(divide="ignore"):
         found = intervals.power(tuple(bases), tuple(exponents))
@@ -78,7 +78,7 @@ def test_powers_of_negative_numbers_have_the_sign_of_whole_exponents():
     ],
 )
 def test_folds_are_stated_by_values_beyond_their_error(beyond, there, state, square):
-    """Of the determinant at a root and just beyond it."""
+    """The values are those of the determinant at a root and just beyond it."""
     step = largest_scale.ABOVE * largest_scale.TOLERANCE
     slope = ERROR * (beyond - there) / (2 * step)
     corners = square.geometry_coefficients

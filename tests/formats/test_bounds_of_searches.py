@@ -1,4 +1,4 @@
-"""Limits of searches: what is within a bound is examined, what is beyond it is not."""
+"""Searches examine exactly the elements, boxes and roots that their bounds allow."""
 
 from types import SimpleNamespace
 
@@ -44,7 +44,7 @@ def test_roots_beyond_a_side_by_rounding_are_inside(part, is_inside):
 
 
 def test_elements_may_fold_where_their_smallest_coefficient_may_be_zero(monkeypatch):
-    """Of three elements the second has one coefficient below its error, the third one just above."""
+    """One coefficient of the second element is below its error, one of the third just above."""
     nets = np.ones((3, 2, 2, 2))
     nets[1, 0, 1, 0] = 0.0999
     nets[2, 1, 0, 1] = 0.1001
@@ -118,7 +118,7 @@ def test_cut_expansions_have_the_discs_of_whole_ones(monkeypatch):
     slopes, factors = rng.uniform(0.2, 1.0, (2, count, 2))
 
     def discs_of(sign, most):
-        """Of the polynomial, of a product and of a sum, and of their derivatives."""
+        """Discs of the polynomial, a product and a sum, and of their derivatives."""
         monkeypatch.setattr(cut_expansions, "_ALL", most)
         mirror = signs[:, :, None] if sign < 0 else 1.0
         turned = bends * [sign ** (i + j) for i, j in BENDS]
@@ -152,7 +152,7 @@ def unknown_facts(count, **numbers):
 
 
 def test_signs_are_open_where_bounds_and_values_differ_by_several_errors(monkeypatch):
-    """Unless the bound proves a positive sign or the value a negative one; then the largest value is bounded, too."""
+    """A bound may prove a positive sign, a value a negative one; the largest value is bounded otherwise."""
     cases = [(0.099, 0.6, True), (0.101, 0.6, False), (-1.0, -0.099, True), (-1.0, -0.101, False)]
     cases += [(-0.2, 0.201, True), (-0.2, 0.199, False)]
     # what equals its error proves nothing
@@ -180,7 +180,7 @@ def test_signs_are_open_where_bounds_and_values_differ_by_several_errors(monkeyp
 @pytest.mark.parametrize("value", [2.0, -2.0, 0.0])
 @pytest.mark.parametrize("sign", [1, -1])
 def test_elements_whose_bound_undercuts_the_extremum_are_rivals(sign, value):
-    """By more than the tolerance of the extremum; that of further elements counts as well."""
+    """Bounds must exceed the extremum by its tolerance; extrema of further elements are taken into account."""
     goal = value - TIGHT * abs(value)
     bounds = np.array([goal + 1e-12, goal - 2e-12, goal - 1.0, goal + 1.0])
     values = np.array([value + 3.0, value, value + 5.0, value + 4.0])
@@ -257,7 +257,7 @@ def test_eigenvalues_are_identified_while_the_trace_may_be_as_large(part, is_kno
 
 
 def test_eigenvectors_of_identified_eigenvalues_keep_the_sign_of_their_first_components():
-    """Products of those of left and right ones, at the corners of ranges; some are small, some negative."""
+    """Their products with those of left eigenvectors have one sign at all corners of ranges; some are small."""
     rng = np.random.default_rng(6)
     count = 1500
     right, left = rng.normal(size=(2, count, 3))

@@ -93,7 +93,7 @@ def test_projections_on_products_have_factors_and_reproduce_their_functions(shap
 
 @pytest.mark.parametrize("least", [0, 1 << 30], ids=["factors", "matrices"])
 def test_maps_after_one_another_are_one_map(monkeypatch, least):
-    """From nodes to points and on to coefficients; rows of the joined map have the nodes' order."""
+    """The first map takes nodes to points, the second one points to coefficients."""
     monkeypatch.setattr(kronecker, "_LEAST", least)
     rng = np.random.default_rng(3)
     fit = conforming(modified(Shape.HEXAHEDRON, (4, 4, 4)))

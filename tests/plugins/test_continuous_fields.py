@@ -52,7 +52,7 @@ def test_smoothing_reduces_waves_by_the_factor_of_their_length(shape):
 
 
 def test_jumps_across_sides_with_hanging_nodes_belong_to_the_elements_of_both():
-    """A square -1 next to the half of one with 1 and two triangles, of which the second one, with 3, touches it."""
+    """A square with the value -1 meets a half square with 1 and a triangle with 3."""
     corner = np.array([(1, 0.5), (2, 0.5), (1, 1)])
     squares = np.stack([SQUARE, SQUARE * (1, 0.5) + (1, 0)])
     triangles = np.stack([(3, 1.5) - corner, corner])

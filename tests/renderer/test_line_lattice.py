@@ -245,7 +245,7 @@ def test_empty_cells_have_no_point_in_the_element_within_half_a_cell(squares, fo
 
 
 def test_squares_in_thin_elements_are_narrower_and_leave_nothing_out(squares, found):
-    """Points of the element in the square are in what remains of it, some of which are near its sides."""
+    """The narrowed square contains all points of the element in the square; some lie near its sides."""
     places = squares.center[:, None] + np.random.default_rng(11).uniform(-0.5, 0.5, (COUNT, 4000, 2))
     is_inside = (squares.margins_in_pixels(places) >= 0).all(axis=2)
     sides = np.stack([found["right"], found["below"]], axis=1)
@@ -259,7 +259,7 @@ def test_squares_in_thin_elements_are_narrower_and_leave_nothing_out(squares, fo
 
 
 def test_lines_are_clipped_to_the_element(squares, found):
-    """To where margins along them, linear between both ends, are 0."""
+    """They end where the margin is 0, which is linear along them."""
     start, end = np.moveaxis(squares.segments, 1, 0)
     margins = np.stack(
         [

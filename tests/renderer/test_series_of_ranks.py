@@ -263,7 +263,7 @@ DEFORMED = {
 
 @pytest.mark.parametrize("name", DEFORMED)
 def test_pictures_of_deformed_data_and_complex_fields(apart, name, tmp_path):
-    """The displacement jumps between elements, also between those of different ranks."""
+    """The displacement jumps between elements of one rank and of two."""
     command, words, found = DEFORMED[name]
     for size in (1, 2):
         folder = tmp_path / str(size)

@@ -146,7 +146,7 @@ def sample(dataset: Dataset, quantities: str | Sequence[str] | None, points: Any
 def by_points(probe: Callable[[Floats], Columns], points: Floats, names: Sequence[str], ranks: Ranks) -> Columns:
     """The columns of quantities at points (n, 3), which ranks share; without rows but at the first rank.
 
-    Points are taken some at a time, since their columns take a third of the memory of what is found.
+    Points are evaluated in batches: the columns need a third of the memory of the intermediate results.
     """
     first, end = (number * len(points) // ranks.size for number in (ranks.rank, ranks.rank + 1))
     parts = []

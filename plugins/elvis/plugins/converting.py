@@ -57,7 +57,7 @@ class Settings:
     geometry   whether the full map travels as fields: always, never, or where the mesh file can't hold it
     pyramids   ``native`` projects onto the modified pyramid of Nektar++ whatever cannot be held by it
     fields     names of those to convert; None for all
-    choose     gives the names of those that are requested, of a dataset with the names of all; None for all
+    choose     selects the requested names, given a dataset with all names and no values; None for all
     """
 
     order: int | None = None

@@ -219,7 +219,7 @@ class NodalValues:
 
     @property
     def is_linear(self) -> bool:
-        """Whether all values are those of `at_nodes`, combined by the functions; subclasses may change that."""
+        """Whether values are linear in those of `at_nodes`, which weights and overridden methods prevent."""
         kind = type(self)
         is_plain = (kind.component, kind.at) == (NodalValues.component, NodalValues.at)
         return is_plain and self.weights is None

@@ -1,8 +1,7 @@
 """Boxes of the elements of a mesh: exact ones near given surfaces and at the ends of the domain, wider ones elsewhere.
 
-`meets` tells which boxes a surface may meet.
-Wide boxes are found from vertices, edges and faces.  They show for most elements that they are not near a surface, so
-that the maps of these elements are never put together.
+`meets` finds the boxes that a surface may intersect.  Wide boxes follow from vertices, edges and faces.  They exclude
+most elements, whose maps are then not needed.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ def near_boxes(part: Part, rows: Ints, axes: Floats, may_meet: Callable[[Boxes],
     axes      (3, k) directions along which the ends of the domain are sought
     may_meet  which of boxes (n, 6) a surface may meet
 
-    Boxes that may be met, and those that may reach farthest along an axis, are exact.
+    Boxes that a surface may intersect are exact, and so are those that may end the domain along an axis.
     """
     if not isinstance(part, Assembly):
         return _exact(part, rows)

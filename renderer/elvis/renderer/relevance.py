@@ -205,7 +205,7 @@ class Relevance:
         return geometry.parts(self.dataset)
 
     def _near_boxes(self, patch: Patch) -> Boxes:
-        """(n, 6) boxes of a patch's elements, exact for those that may count."""
+        """(n, 6) boxes of a patch's elements: those of `near_boxes` for the cuts and axes of the scene."""
         axes = np.eye(3) if self._axes is None else np.concatenate([np.eye(3), self._axes], axis=1)
         boxes = np.empty((len(patch), 6), np.float32)
         for part in self._parts:

@@ -73,7 +73,7 @@ def _are_hopeless(sides: SideSet, own: Ints, boxes: Boxes, normals: Floats, faci
 
 
 def _are_facing(normals: Floats, others: Ints, facing: float | None) -> Bools:
-    """(m, k) whether the normals of sides ``others`` (m,) allow them to coincide with those of ``normals`` (k, 3)."""
+    """(m, k) whether sides ``others`` (m,) may coincide with sides that have the ``normals`` (k, 3)."""
     found = np.ones((len(others), len(normals)), bool)
     if facing is not None:
         found = normals[others] @ normals.T < facing - COSINE_ROUNDING

@@ -34,8 +34,8 @@ SIDES = 1 << 12
 class SideGroup:
     """The corresponding side of elements that share an expansion.
 
-    block    the maps of elements, some of which have the sides
-    rows     (n,) the element of each side among those of the block
+    block    the maps of elements
+    rows     (n,) the row in the block of each side's element
     local    the element's vertices around the side
 
     Sides of straight elements are derived from the vertices when they are needed; those of others are stored.
@@ -240,7 +240,7 @@ def _groups_of(dataset: Dataset, block: Part, wanted: Bools) -> Iterator[tuple[S
 
 
 def _elements(group: SideGroup) -> Ints:
-    """(n,) a number for the element of each side, of which shapes have different ones."""
+    """(n,) a number that identifies the element of each side, also among elements of other shapes."""
     ids = group.block.element_ids
     kind = tuple(Shape).index(group.expansion.shape)
     found = narrow_ints(ids, (1 + int(ids.max(initial=0))) * len(Shape))[group.rows]

@@ -1,4 +1,4 @@
-"""Boxes of hexahedra from their vertices, edges and faces: wider than those of their maps, and found much sooner.
+"""Boxes of hexahedra from their vertices, edges and faces; the boxes of their maps are smaller but cost more.
 
 A map is the blend of its vertices, edges and faces (format notes 2.4).  In each of its Bernstein coefficients the four
 edges of a direction have weights that add up to 1, and so have two opposite faces.

@@ -105,7 +105,7 @@ class Positions:
     space: int
 
     def is_on(self, blocks: Sequence[NativeBlock]) -> bool:
-        """Whether these are the coordinates of other blocks, none of which is empty."""
+        """Whether these are the coordinates of ``blocks``, which has no empty blocks."""
         kept = [own for own in self.skins.blocks if len(own)]
         is_alike = len(kept) == len(blocks) and all(own.rows is b.rows for own, b in zip(kept, blocks, strict=True))
         return bool(self.columns) and is_alike
@@ -113,7 +113,7 @@ class Positions:
     def joined(self) -> list[Floats] | None:
         """The coefficients (3, n, m) on blocks that aren't empty, with one trace on what elements share.
 
-        They are changed in place.  None if elements disagree on what they share; their coefficients are lost.
+        They are changed in place.  None if those of shared entities differ by more than rounding.
         """
         magnitude = max(map(largest, self.columns), default=0.0)
         change = self.skins.apply([own.transpose(1, 0, 2) for own in self.columns]).max(initial=0)
