@@ -71,6 +71,16 @@ def sums_of_minors(rng):
     yield np.abs(0.5 * (trace**2 - np.einsum("snij,snji->sn", corners, corners)) - middle), radius
 
 
+def sums_of_minors_around_diagonal_matrices(rng):
+    """At corners where the changes of all products add up."""
+    radius = rng.uniform(0.2, 1.0, (COUNT, 3, 3))
+    middle = rng.uniform(0.0, 2.0, (COUNT, 3))[:, None] * np.eye(3)
+    found, bound = MatrixRange(middle, radius).sum_of_minors()
+    corner = middle + radius * (np.tri(3) - np.tri(3).T + np.eye(3))
+    trace = np.einsum("nii->n", corner)
+    yield np.abs(0.5 * (trace**2 - np.einsum("nij,nji->n", corner, corner)) - found)[None], bound
+
+
 def shifted_matrices(rng):
     matrices, corners = random_matrices(rng)
     numbers, errors = rng.normal(size=COUNT), np.full(COUNT, 0.1)
@@ -299,6 +309,7 @@ def square_of(linear):
 CLAIMS = [
     cofactors,
     sums_of_minors,
+    sums_of_minors_around_diagonal_matrices,
     shifted_matrices,
     ranges_of_nets,
     eigenvalues,
@@ -318,6 +329,8 @@ CLAIMS = [
 WIDE = {slopes_of_graphs_of_eigenvalues: 0.05}
 #: parabolas attain their bound
 WIDE[shares_of_parabolas] = 0.99
+#: as do the corners at which all terms have one sign
+WIDE[sums_of_minors_around_diagonal_matrices] = 1 - 1e-12
 
 
 @pytest.mark.parametrize("claim", CLAIMS)

@@ -375,6 +375,27 @@ def test_walls_are_zero_to_rounding(part):
             assert (at_side > 0.4) == (part < 1)
 
 
+def test_velocity_at_walls_is_that_divided_by_heights_over_them():
+    """Each box has its own walls: heights times what is found are the velocity all over it."""
+    rng, shape = np.random.default_rng(5), (3, 4, 2)
+    walls = np.array(list(product(range(2), repeat=6)), bool).reshape(-1, 3, 2)
+    walls = walls[~walls.all(axis=2).any(axis=1)]
+    nets = rng.normal(size=(len(walls), 2, *shape))
+    places = rng.uniform(size=(len(walls), 3))
+    heights = np.ones(len(walls))
+    for axis, end in product(range(3), range(2)):
+        outer = [slice(None)] * 5
+        outer[2 + axis] = -end
+        rows = np.flatnonzero(walls[:, axis, end])
+        nets[(rows, *outer[1:])] = 0.0
+        heights[rows] *= (1 - places[rows, axis]) if end else places[rows, axis]
+    values = np.concatenate([values_of(nets[i : i + 1], places[i : i + 1]) for i in range(len(walls))])
+    found = _without_walls(nets)
+    divided = np.concatenate([values_of(found[i : i + 1], places[i : i + 1]) for i in range(len(walls))])
+    assert heights[:, None] * divided == pytest.approx(values, rel=1e-12, abs=1e-13)
+    assert np.array_equal(found[~walls.any(axis=(1, 2))], nets[~walls.any(axis=(1, 2))])
+
+
 @pytest.mark.parametrize("part", [0.99, 1.01])
 def test_flows_turn_less_than_the_imaginary_part_of_their_eigenvalues(part):
     """Of constant gradients with eigenvalues a and b +- i v, in any basis."""

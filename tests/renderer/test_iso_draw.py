@@ -31,8 +31,9 @@ FOUND = [
     {"leave": 1},
     MARCH,
     {"doubtful": 1, "span": 2, "recorded": 1, "owner": 1, "status": 1, "hit": 1, "off": 1, "doubt": 1},
+    {"reach": 2, "parallel": 6, "central": 6, "aside": 2, "steps": 3, "steps_within": 3},
 ]
-START, CHOSEN, APPROACHED, CLOSED, LEFT = 6, 7, 9, 11, 13
+START, CHOSEN, APPROACHED, CLOSED, LEFT, HIT = 6, 7, 9, 11, 13, 14
 
 
 class Rays:
@@ -73,6 +74,16 @@ class Rays:
         self.root_error[::5] = np.where(self.nearer[::5] == -5e-10, 1e-9, 1e-2)
         # some first hits are proved, and as near to the eye as they may be off
         self.apart[5::20], self.root_error[5::20] = self.root[5::20] - 5e-10, 1e-9
+        self.steps, self.gradient, self.miss = some(-0.2, 0.2, 3, 3), some(-1, 1, 3), some(-3, 3, 2)
+        self.mean, self.remainder, self.middle = some(-0.5, 0.5), some(0, 0.3), some(-9, 9, 2)
+        self.pixels, self.place_of_pixel = rng.integers(-20, 20, (COUNT, 4)), some(-2, 2, 3)
+        self.pixels[:, 2:] = self.pixels[:, :2] + np.abs(self.pixels[:, 2:])
+        self.origin, self.forward = some(-1.3, 1.3, 3), some(-1, 1, 3)
+        # rays in which the linear part of the field is constant: at the level to what it may be off, or not quite
+        self.gradient[::8] = self.forward[::8] = [1.0, 0.0, 0.0]
+        self.forward[::8] = [0.0, 0.5, 1.0]
+        most = np.resize([0.99, -0.99, 1.01, -1.01], COUNT) * (self.remainder + self.noise)
+        self.mean[::8] = (np.repeat(most, 2)[:COUNT] - self.origin[:, 0])[::8]
 
     def rows(self):
         alone = [self.level, self.misplaced, self.apart, self.certified]
@@ -83,6 +94,8 @@ class Rays:
             *[np.stack(bounds, axis=1), self.s, self.z, self.at, self.exact, self.proved],
             *[self.distance, np.stack(own, axis=1), self.step, self.end, self.sign, self.before, self.slope_before],
             *[self.last, self.start, self.direction, self.deviation, self.span, self.place, self.root, self.root_error],
+            *[self.steps, self.gradient, self.mean, self.remainder, self.middle, self.miss, self.pixels],
+            *[self.origin, self.forward, self.place_of_pixel],
         ]
         return rows_of(COUNT, columns)
 
@@ -253,7 +266,7 @@ def test_newtons_method_starts_only_where_one_root_lies_ahead(rays, found):
     next_root = np.where(found[1]["next"] == 0, np.abs(rays.slope) / rays.curvature, found[1]["next"])
     assert found[LEFT - 1]["leave"] == pytest.approx(next_root, rel=1e-12, abs=0)
     assert np.array_equal(left["sign"], np.where(rays.slope < 0, -1, 1))
-    assert np.array_equal(found[-1]["doubtful"], np.abs(rays.value) <= 8 * rays.model_error)
+    assert np.array_equal(found[HIT]["doubtful"], np.abs(rays.value) <= 8 * rays.model_error)
 
 
 def test_spans_hold_all_points_of_lines_that_may_lie_in_the_element(rays, found):
@@ -264,13 +277,13 @@ def test_spans_hold_all_points_of_lines_that_may_lie_in_the_element(rays, found)
     margin = np.minimum(1 + points.min(axis=2), -1 - points.sum(axis=2))
     room = (rays.half * (rays.deviation + 1e-7)).sum(axis=1)
     inside = margin + room[:, None] >= 0
-    low, high = found[-1]["span"].T
+    low, high = found[HIT]["span"].T
     some = inside.any(axis=1)
     first, last = np.where(inside, t, np.inf).min(axis=1), np.where(inside, t, -np.inf).max(axis=1)
     assert (low <= first + 1e-9)[some].all()
     assert (high >= last - 1e-9)[some].all()
     ends = [narrowed(rays, number, room[number]) for number in range(COUNT)]
-    assert found[-1]["span"] == pytest.approx(np.array(ends), rel=1e-11, abs=1e-11)
+    assert found[HIT]["span"] == pytest.approx(np.array(ends), rel=1e-11, abs=1e-11)
     assert (low > high)[~some].mean() > 0.5
 
 
@@ -291,8 +304,46 @@ def narrowed(rays, number, room):
     return ends
 
 
+def test_rays_meet_levels_where_sub_elements_and_linear_parts_allow(rays, found):
+    """At the ends of a span one of four conditions holds to rounding, and all hold between them."""
+    normals = np.concatenate([np.tile(np.eye(3), (COUNT, 1, 1)), rays.gradient[:, None]], axis=1)
+    constant = np.einsum("nij,nj->ni", normals, rays.origin)
+    constant[:, 3] += rays.mean
+    slope = np.einsum("nij,nj->ni", normals, rays.forward)
+    is_flat = slope[:, 3] == 0
+    field = rays.remainder + np.where(is_flat, 1, 2) * rays.noise
+    most = np.concatenate([1 + 1e-7 + rays.deviation, field[:, None]], axis=1)
+
+    def excess(z):
+        return (np.abs(constant + slope * z[:, None]) - most).max(axis=1)
+
+    low, high = found[-1]["reach"].T
+    some = low <= high
+    assert 0 < (some & is_flat).sum() < is_flat.sum()
+    assert np.abs(excess(low))[some & ~is_flat].max() < 1e-12
+    assert np.abs(excess(high))[some & ~is_flat].max() < 1e-12
+    assert (excess(0.5 * (low + high))[some] < 0).all()
+    assert min(excess(np.full(COUNT, z))[~some].min() for z in np.linspace(-9, 9, 2001)) > 0
+
+
+def test_lines_of_pixels_are_where_linear_maps_have_their_distances(rays, found):
+    """In perspective distances from the middle grow with depth."""
+    u, v, _ = rays.place_of_pixel.T
+    for name, weights in (("parallel", np.ones((2, COUNT))), ("central", rays.depth + np.array([[0.0], [1.0]]))):
+        start, direction = found[-1][name].reshape(COUNT, 2, 3).swapaxes(0, 1)
+        for further, weight in enumerate(weights):
+            distances = np.stack([u * weight - rays.miss[:, 0], v * weight - rays.miss[:, 1], 0 * u + further], axis=1)
+            s = np.einsum("ni,nij->nj", distances, rays.steps)
+            assert start + further * direction == pytest.approx(s, rel=1e-12, abs=1e-12)
+    corners = rays.pixels.reshape(COUNT, 2, 2)
+    assert np.array_equal(found[-1]["aside"], np.abs(corners - rays.middle[:, None]).max(axis=1))
+    steps = rays.place_of_pixel[:, :, None] * rays.steps
+    assert found[-1]["steps"] == pytest.approx(steps.sum(axis=1), rel=1e-12, abs=1e-12)
+    assert found[-1]["steps_within"] == pytest.approx(np.abs(steps).sum(axis=1), rel=1e-12)
+
+
 def test_only_the_nearest_root_of_one_element_is_certain(rays, before, found):
-    hit, shift = found[-1], 2 * rays.root_error * np.abs(found[2]["tangent"]).max(axis=1)
+    hit, shift = found[HIT], 2 * rays.root_error * np.abs(found[2]["tangent"]).max(axis=1)
     place, owner, own = rays.place, before["hit_owner"], 100 + np.arange(COUNT)
     margin = np.minimum(1 + place.min(axis=1), -1 - place.sum(axis=1))
     least = np.maximum(before["beyond"] + rays.apart, 0)

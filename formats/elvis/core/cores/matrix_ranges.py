@@ -49,13 +49,16 @@ class MatrixRange:
         return MatrixRange(middle, radius)
 
     def sum_of_minors(self) -> tuple[Floats, Floats]:
-        """(n,) middle and radius of the sum of the principal minors, whose derivative is tr A - A^T."""
+        """(n,) middle and radius of the sum of the principal minors, whose derivative is tr A - A^T.
+
+        A change E adds the sum of e_ii e_jj - e_ij e_ji over all i < j, which has no squares of diagonal entries.
+        """
         trace = np.einsum("nii->n", self.middle)
         middle = 0.5 * (trace**2 - np.einsum("nij,nji->n", self.middle, self.middle))
         spread = np.einsum("nii->n", self.radius)
         slopes = np.abs(trace[:, None, None] * _EYE - self.middle.swapaxes(1, 2))
-        slopes = slopes + spread[:, None, None] * _EYE + self.radius.swapaxes(1, 2)
-        return middle, np.einsum("nij,nij->n", slopes, self.radius)
+        others = spread[:, None, None] * _EYE + (1 - 2 * _EYE) * self.radius.swapaxes(1, 2)
+        return middle, np.einsum("nij,nij->n", slopes + 0.5 * others, self.radius)
 
 
 def _product_radius(a: Floats, r: Floats, first: tuple[int, int], second: tuple[int, int]) -> Floats:
