@@ -116,27 +116,26 @@ def test_maps_are_affine_if_slopes_differ_by_rounding_of_the_largest_coefficient
 
 @pytest.mark.parametrize(("part", "is_flat"), [(0.99, True), (1.01, False)])
 @pytest.mark.parametrize("away", [0.0, 40.0])
-def test_sides_are_flat_if_normals_differ_by_rounding_of_coordinates(away, part, is_flat, monkeypatch):
-    (patch,) = patches(Dataset(grid(Shape.QUADRILATERAL, 1)))
-    patch.geometry_coefficients.flags.writeable = True
-    piece = Piece(patch, np.zeros(2, int), Shape.QUADRILATERAL)
+@pytest.mark.parametrize("shape", [Shape.SEGMENT, Shape.QUADRILATERAL])
+def test_sides_are_flat_if_normals_differ_by_rounding_of_coordinates(shape, away, part, is_flat, monkeypatch):
+    """Curves if their directions do."""
+    (patch,) = patches(Dataset(grid(shape, 1)))
+    piece = Piece(patch, np.zeros(2, int), shape)
     size = np.abs(patch.geometry_coefficients[0]).max()
-    tangents = np.tile(np.eye(3)[:, :2], (2, piece_points(piece), 1, 1)) * size / max(1.0, away)
-    tilt = part * 64 * EPS * max(1.0, away)
-    tangents[0, 1, 2, 0] = tilt * tangents[0, 1, 0, 0]
-    jacobians = tangents.reshape(-1, 3, 2)
-    monkeypatch.setattr(reference_cells, "Lattice", lambda *_: SimpleNamespace(jacobians=jacobians))
+
+    def with_tilt(_patch, rows, points):
+        tangents = np.tile(np.eye(3)[:, : shape.dimension], (len(rows), len(points), 1, 1)) * size / max(1.0, away)
+        tangents[0, 1, 2, 0] = part * 64 * EPS * max(1.0, away) * tangents[0, 1, 0, 0]
+        return SimpleNamespace(jacobians=tangents.reshape(-1, *tangents.shape[2:]))
+
+    monkeypatch.setattr(reference_cells, "Lattice", with_tilt)
     assert piece.is_flat.tolist() == [is_flat, True]
-
-
-def piece_points(piece):
-    """Number of points at which normals are compared: twice the degree and one more in each direction."""
-    return (2 * 1 + 1) ** 2 if piece.patch.is_linear else (2 * max(piece.patch.geometry.modes) - 1) ** 2
 
 
 def test_sides_without_elements_have_no_owner():
     own = SimpleNamespace(_members=(np.array([[0, 2], [2, 3]]),), boundaries={"inlet": np.array([5, 0])})
     assert Places._owners.func(own).tolist() == [1, 0, 2, 1, 0, 0]
+    assert not len(Places._owners.func(SimpleNamespace(_members=(), boundaries={})))
 
 
 def test_boxes_on_levels_are_bisected_unless_they_are_small_or_lost_beyond_doubt():
@@ -149,7 +148,13 @@ def test_boxes_on_levels_are_bisected_unless_they_are_small_or_lost_beyond_doubt
     high = np.full((7, 3), 1.0)
     high[[5, 6], 1] = 2 * _LEAST_SIDE * np.array([1.0, 1.01])
     own = SimpleNamespace(
-        nets=nets, band=np.ones(7), is_lost=number > 0, several=several, further=further, high=high, low=0 * high
+        nets=nets,
+        band=np.ones(7),
+        is_lost=number > 0,
+        several=several,
+        further=further,
+        high=0.25 + high,
+        low=0.25 + 0 * high,
     )
     assert LevelBoxes.can_be_halved.fget(own)[:, 0].tolist() == [True, True, False, False, False, False, True]
 

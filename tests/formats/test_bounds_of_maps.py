@@ -369,10 +369,11 @@ def test_walls_are_zero_to_rounding(part):
             size = np.abs(net).max()
             moved = np.moveaxis(net, 2 + axis, -1)
             moved[0, 1, 0, 1, -end] = part * 1e-11 * size
-            found = _without_walls(net)
-            # divided, it doesn't vanish on the side any more
-            at_side = np.abs(np.moveaxis(found, 2 + axis, -1)[..., -end]).min()
-            assert (at_side > 0.4) == (part < 1)
+            for sign in (1, -1):
+                found = _without_walls(sign * net)
+                # divided, it doesn't vanish on the side any more
+                at_side = np.abs(np.moveaxis(found, 2 + axis, -1)[..., -end]).min()
+                assert (at_side > 0.4) == (part < 1)
 
 
 def test_velocity_at_walls_is_that_divided_by_heights_over_them():

@@ -9,7 +9,7 @@ import pytest
 from elvis.core.integrals.analytic_error import FURTHER
 from elvis.core.integrals.groups import _ALIKE, _AS_GOOD, _NEW, Bounded
 
-COUNT, ALLOWED = 40, np.array([1.0, 0.01])
+COUNT, ALLOWED = 300, np.array([1.0, 0.01])
 
 
 def boxes_with(errors, gains, can_be_halved, steps=(0, 0), is_guess=False):
@@ -26,13 +26,18 @@ def errors():
     found = 10.0 ** (
         rng.uniform(-2, 4, (COUNT, 2, 2, 1)) - np.cumsum(rng.uniform(0, 3, (COUNT, 2, 2, len(FURTHER))), 3)
     )
-    found *= ALLOWED[:, None, None]
-    found[: COUNT // 3, :, :, :2] = np.inf
+    # of every five boxes one needs many bisections, and one rules with many points
     found[::5] *= 1e9
-    # rules that suffice only with many points
-    found[4::5] = (2 * 0.8 ** np.arange(len(FURTHER))) * ALLOWED[:, None, None]
-    # exactly what is permitted, in both directions together
-    found[-1] = ALLOWED[:, None, None] / 2
+    slow = rng.uniform(0.5, 6, (COUNT, 2, 2, 1)) * rng.uniform(0.5, 0.9, (COUNT, 2, 2, 1)) ** np.arange(len(FURTHER))
+    found[4::5] = slow[4::5]
+    # some bounds are unknown or zero in one direction
+    found[rng.uniform(size=(COUNT, 2, 2)) < 0.1, :2] = np.inf
+    found[rng.uniform(size=(COUNT, 2, 2)) < 0.1, 1] = 0.0
+    # exactly the points of two halves, with what is permitted in both directions together
+    found[0] = np.where(np.arange(len(FURTHER)) < 3, 0.75, 0.5)
+    # a quarter of the share of the other direction
+    found[1] = np.array([4.0, 1.0])[:, None]
+    found *= ALLOWED[:, None, None]
     return found
 
 
@@ -68,7 +73,7 @@ def test_boxes_are_bisected_where_most_of_the_error_of_the_second_rule_is(errors
     """Without a bound of it where points gain most by halves, and never where boxes are too small."""
     rng = np.random.default_rng(8)
     gains, can_be_halved = rng.uniform(0.1, 1.0, (COUNT, 2)), rng.uniform(size=(COUNT, 2)) < 0.8
-    errors[1::9, ..., 1] = 0.0
+    errors[2], gains[2], can_be_halved[:3] = np.inf, [0.5, 1.0], True
     found = boxes_with(errors, gains, can_be_halved).halving(ALLOWED)
     for box in range(COUNT):
         shares = (errors[box, :, :, 1] / ALLOWED[:, None]).max(axis=0)

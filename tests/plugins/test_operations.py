@@ -278,6 +278,21 @@ def test_discs_of_the_smaller_or_larger_are_their_range(made, name):
     assert discs[:, 0] + discs[:, 1] == pytest.approx(ends[1], abs=1e-14)
 
 
+@pytest.mark.parametrize(("part", "is_known"), [(0.99, True), (1.0, False)])
+def test_jumps_and_the_smaller_operand_are_known_beyond_all_errors(made, part, is_known):
+    """Of each operand at either side: a value at the end may be the jump itself."""
+    for sign in (1, -1):
+        own = np.array([[sign * 1.0, 0.75, part * 0.25]])
+        _, room, _, _ = made("sign", own, own)[0][0]
+        assert room == pytest.approx(0 if is_known else 1, abs=1e-14)
+    near, far = np.array([[1.0, 0.5, 0.25]]), np.array([[2.25, 0.25, part * 0.25]])
+    for name, side in (("min", 1), ("max", -1)):
+        for pair in ((near, far), (far, near)):
+            middle, room, error, _ = made(name, *(own * [side, 1, 1] for own in pair))[0][0]
+            assert (middle, room) == pytest.approx((side * 1.0, 0.5), rel=1e-14)
+            assert (error < 0.3) == is_known
+
+
 # on the host
 
 
