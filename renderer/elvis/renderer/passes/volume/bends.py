@@ -9,6 +9,7 @@ from numpy.polynomial import chebyshev
 
 from elvis.core.arrays import Floats, frozen_floats
 from elvis.core.bounded_cache import bounded_cache
+from elvis.core.chebyshev_models.series import coefficients_of
 from elvis.core.polynomials.chebyshev_nodes import series
 from elvis.core.shapes import Shape
 from elvis.plugins.volume import Enclosure
@@ -55,6 +56,18 @@ class Bends:
             around = self._around_tetrahedra(number, quantity, enclosure) if part.shape is Shape.TETRAHEDRON else None
             bent, rooms = (self._in_cubes(number, quantity, enclosure), ELLIPSES) if around is None else (around, BALLS)
         return {**found, "bent": device.buffer(bent), "cube_axes": device.buffer(rooms)}
+
+    def series(self, number: int, quantity: str | None) -> Floats:
+        """Chebyshev series (elements, 4, n, n, n) of the map and of a polynomial quantity of a part on its cubes."""
+        enclosure = along_rays(self._loaded.parts[number], self._loaded.quantity(number, quantity))
+        assert enclosure is not None
+        count = enclosure.degree + 1
+        found = list[Floats]()
+        for _, values, _ in self._sampled(number, quantity, enclosure, series(enclosure.degree)[0], 0):
+            # four leaves, and scratch memory for one more
+            own = values.reshape(-1, 5 * count**3)[:, : 4 * count**3].reshape(-1, count**3, 4).swapaxes(1, 2)
+            found.append(coefficients_of(own.reshape(-1, 4, count, count, count)))
+        return np.concatenate(found)
 
     def _around_tetrahedra(self, number: int, quantity: str | None, enclosure: Enclosure) -> Floats | None:
         """(elements, leaves, distances, 2) of a part's quantity; None where its leaves are not of a total degree."""

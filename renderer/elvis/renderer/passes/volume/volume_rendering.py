@@ -18,6 +18,7 @@ from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.memory import Buffer
 from elvis.renderer.passes.faces.faces import FaceDrawer, pixel_bounds
 from elvis.renderer.passes.volume.bends import Bends
+from elvis.renderer.passes.volume.inverses import Inverses, pixels_of
 from elvis.renderer.passes.volume.media import CopyMedia, Media, Medium
 from elvis.renderer.passes.volume.ray_integrals import RayIntegrals
 from elvis.renderer.passes.volume.steepness import tolerance
@@ -114,6 +115,7 @@ class VolumeRenderer:
     def __init__(self, loaded: DeviceVolume, faces: Callable[[], FaceDrawer] | None = None) -> None:
         self.loaded, self.faces, self.traversal = loaded, faces, Traversal(loaded)
         self.bends = Bends(loaded)
+        self.inverses = Inverses(loaded, self.bends)
         self._last: Media | None = None
 
     def draw(
@@ -258,6 +260,8 @@ class _March:
         counts = np.add.reduceat(fresh.astype(np.int64), tiles["first"]) if len(tiles) else np.zeros(0, np.int64)
         counts *= _SEGMENTS_OF_AN_ELEMENT
         proof = self.renderer.bends.buffers(number, quantity, self.degree)
+        pixels = pixels_of(patches, view, len(self.loaded.parts[number]))
+        proof |= self.renderer.inverses.buffers(number, quantity, kernel, self.degree, wanted["proof"][0], pixels)
         buffers = {"order": order, "patches": patches, "view": face_view, "wanted": wanted}
         return _VisibleElements(number, list_index, quantity, view, kernel, tiles, counts, buffers, proof)
 
