@@ -12,6 +12,7 @@ from elvis.core.integrals.reference_cells import Piece, _has_constant_slopes
 from elvis.core.integrals.targets import Places
 from elvis.core.mapping import enclosure
 from elvis.core.mapping.enclosure import _Cells, _cut, _halves, _Search, _shared
+from elvis.core.mapping.locate import Locator, Status
 from elvis.core.patch import patches
 from elvis.core.polynomials.bernstein import line_tables
 from elvis.core.shapes import Shape
@@ -132,10 +133,21 @@ def test_sides_are_flat_if_normals_differ_by_rounding_of_coordinates(shape, away
     assert piece.is_flat.tolist() == [is_flat, True]
 
 
+@pytest.mark.parametrize(("part", "is_inside"), [(0.99, True), (1.01, False)])
+@pytest.mark.parametrize("distance", [1e-3, 0.1, 0.5])
+@pytest.mark.parametrize("shape", [Shape.SEGMENT, Shape.QUADRILATERAL])
+def test_points_are_on_curves_and_surfaces_within_the_requested_distance(shape, distance, part, is_inside):
+    """Relative to the diagonal of the element."""
+    locator = Locator(patches(Dataset(grid(shape, 1))), distance)
+    point = np.where(np.arange(3) < shape.dimension, 0.5, 0.0)
+    point[2] = part * distance * np.sqrt(shape.dimension)
+    assert (locator.locate(point[None]).status[0] == Status.INSIDE) == is_inside
+
+
 def test_sides_without_elements_have_no_owner():
     own = SimpleNamespace(_members=(np.array([[0, 2], [2, 3]]),), boundaries={"inlet": np.array([5, 0])})
     assert Places._owners.func(own).tolist() == [1, 0, 2, 1, 0, 0]
-    assert not len(Places._owners.func(SimpleNamespace(_members=(), boundaries={})))
+    assert not len(Places._owners.func(SimpleNamespace(_members=(), boundaries={"none": np.empty(0, int)})))
 
 
 def test_boxes_on_levels_are_bisected_unless_they_are_small_or_lost_beyond_doubt():

@@ -655,7 +655,7 @@ def test_boxes_are_chosen_by_their_scores_and_costs():
 
 def test_estimates_are_eight_times_the_difference_of_rules_above_rounding():
     rules = {(2,): 1.0, (3,): 1.25, (4,): 1.0}
-    for rounding, expected in ((0.5, 2.0), (0.99, 2.0), (1.01, 0.0)):
+    for rounding, expected in ((0.5, 2.0), (0.99, 2.0), (1.0, 0.0), (1.01, 0.0)):
         boxes = SimpleNamespace(rounding=np.full((1, 1), 2.0 * rounding))
         best = {count: SimpleNamespace(value=np.full((1, 1), v), measure=np.ones((1, 1))) for count, v in rules.items()}
         own = SimpleNamespace(_planned=0, _integrate=lambda boxes, numbers, counts, b=best: b[counts])

@@ -274,6 +274,8 @@ def test_errors_of_groups_include_rounding_and_moved_surfaces():
     total = group.sums(1)
     assert total.rounding[0] == pytest.approx(0.85)
     assert total.error[0] == pytest.approx(0.85 + 0.85)
+    assert total.is_bound[0]
+    assert not replace(group, is_bound=np.array([[True], [False]])).sums(1).is_bound[0]
 
 
 def test_determinants_at_factors_are_rounded(monkeypatch):

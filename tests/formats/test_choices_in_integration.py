@@ -33,8 +33,11 @@ def errors():
     # some bounds are unknown or zero in one direction
     found[rng.uniform(size=(COUNT, 2, 2)) < 0.1, :2] = np.inf
     found[rng.uniform(size=(COUNT, 2, 2)) < 0.1, 1] = 0.0
-    # exactly the points of two halves, with what is permitted in both directions together
-    found[0] = np.where(np.arange(len(FURTHER)) < 3, 0.75, 0.5)
+    # exactly the points of four parts, with what is permitted in both directions together
+    rule = np.arange(len(FURTHER))
+    found[0] = np.where(rule < [[3], [6]], 0.75, 0.5)
+    # fewer points than those of eight parts: two bisections in one direction
+    found[3] = np.where(rule < 5, [[128.0], [1.0]], 0.5)
     # a quarter of the share of the other direction
     found[1] = np.array([4.0, 1.0])[:, None]
     found *= ALLOWED[:, None, None]
@@ -73,7 +76,8 @@ def test_boxes_are_bisected_where_most_of_the_error_of_the_second_rule_is(errors
     """Without a bound of it where points gain most by halves, and never where boxes are too small."""
     rng = np.random.default_rng(8)
     gains, can_be_halved = rng.uniform(0.1, 1.0, (COUNT, 2)), rng.uniform(size=(COUNT, 2)) < 0.8
-    errors[2], gains[2], can_be_halved[:3] = np.inf, [0.5, 1.0], True
+    errors[2], gains[2], can_be_halved[:6] = np.inf, [0.5, 1.0], True
+    errors[5, ..., 1], gains[5] = 0.0, [0.1, 1.0]
     found = boxes_with(errors, gains, can_be_halved).halving(ALLOWED)
     for box in range(COUNT):
         shares = (errors[box, :, :, 1] / ALLOWED[:, None]).max(axis=0)

@@ -61,6 +61,15 @@ def test_points_on_triangles_are_decided_by_solid_angles():
     assert found.tolist() == [0, 1, 0]
 
 
+@pytest.mark.parametrize(("part", "is_on"), [(0.5, True), (-0.5, True), (2.0, False), (-2.0, False)])
+def test_points_are_on_triangles_to_rounding_of_the_largest_coordinate(part, is_on):
+    corners = 4.0 * (1 + np.asarray(trimesh.creation.box((2, 2, 2)).triangles))
+    place = np.array([[3.0, 2.0, part * crossings._ON * 8.0]])
+    found, rest = windings(corners, np.zeros((12, 3)), place)
+    assert len(rest) == is_on
+    assert found[0] == (part > 0 and not is_on)
+
+
 @pytest.mark.parametrize("bend", [0.05, 0.2])
 def test_sides_of_curved_faces_match_solid_angles(monkeypatch, bend):
     # maps of order 4, whose patches are cut more finely on one side than on the other
