@@ -60,6 +60,11 @@ def pytest_configure():
     note_kernels()
 
 
+def pytest_unconfigure():
+    # at exit, modules lose their names before the last lines run
+    sys.monitoring.set_events(TOOL, sys.monitoring.events.NO_EVENTS)
+
+
 def note_kernels():
     """Let kernels note the modules that they are linked from when they run."""
     from elvis.renderer.device import Device, Kernel

@@ -19,6 +19,7 @@ FOUND = {
     "signed": 1,
     "direction": 3,
     "finished": 1,
+    "own_bend": 1,
 }
 #: numbers of patches: bounds of derivatives and of how far it is from linear; coefficients of 1, s, s^2, then of t
 BOUNDS, COEFFICIENTS = 10, 9
@@ -225,6 +226,8 @@ def test_parts_are_searched_as_bounds_of_their_derivatives_allow(searches, found
     # parts of which neither is known are divided, their sides are searched too
     pushed = np.where(convex, 0, 4) + np.where(convex | steady, 0, 4)
     assert np.array_equal(found["top"][opens], pushed[opens])
+    # patches are as far from linear ones as is stored with them
+    assert np.array_equal(found["own_bend"], searches.patches[:, 9])
 
 
 @pytest.mark.parametrize(("part", "opens"), [(0.9, True), (1.1, False)])

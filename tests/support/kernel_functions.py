@@ -39,7 +39,8 @@ class KernelFunctions:
         for module in ("rows", "polynomial_volume", "curve_cases"):
             (folder / f"{module}.slang").write_bytes((HERE / f"{module}.slang").read_bytes())
         if kernel.parent == native:
-            (folder / "native_data.slang").write_bytes((native / "native_data.slang").read_bytes())
+            for module in native.glob("*.slang"):
+                (folder / module.name).write_bytes(module.read_bytes())
         check, stage = HERE / f"{name}_check.slang", name
         if check.exists():
             stage = f"{name}_check"
