@@ -16,7 +16,8 @@ FOUND = {
     "interval": 2,
     **dict.fromkeys(["aside", "rounding"], 1),
     "outward": 3,
-    **dict.fromkeys(["root", "misses"], 1),
+    "root": 1,
+    "span": 2,
 }
 
 
@@ -282,7 +283,27 @@ def test_roots_of_strips_are_found_or_the_nearest_end(solids, found):
 
 
 def test_balls_around_points_miss_rays_beyond_their_radius_and_all_errors(solids, found):
-    assert np.array_equal(found["misses"], solids.is_missed)
+    first, last = found["span"].T
+    assert np.array_equal(first > last, solids.is_missed)
+
+
+def test_rays_meet_balls_around_points_within_their_span(solids, found):
+    """Balls with the largest errors, around points as far away as possible towards the eye or away from it."""
+    first, last = found["span"].T[:, ~solids.is_missed]
+    apart, growth = solids.apart[~solids.is_missed], solids.growth[~solids.is_missed]
+    reach, slack = solids.half[~solids.is_missed], solids.slack[~solids.is_missed]
+    inner = first + 0.5 * (last - first)
+    for way, end in ((-1.0, first), (1.0, last)):
+        # the point in the direction from which the span's end is seen
+        towards = np.column_stack([-apart[:, :2], end - inner])
+        towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+        point = apart + reach[:, None] * towards
+        radius = solids.radius[~solids.is_missed] + (growth * point).sum(axis=1) + slack
+        inside = radius**2 - (point[:, :2] ** 2).sum(axis=1)
+        met = inside > 0.0
+        at = point[:, 2] + way * np.sqrt(np.maximum(inside, 0.0))
+        assert (way * (at - end) <= 1e-9)[met].all()
+        assert (way * (end - at))[met].min() < 0.02
 
 
 def test_rays_are_within_solids_between_the_ends_of_their_interval(solids, found):

@@ -51,6 +51,56 @@ def test_pictures_by_models_are_those_by_newtons_method(shape, draw, monkeypatch
     assert 0.0 < np.abs(newton.color - models.color).max() < 1e-4
 
 
+def bulged(p):
+    """The unit cube, bent inside."""
+    bulge = np.prod(p * (1.0 - p), axis=-1)
+    return p + 0.5 * bulge[..., None] * np.array([1.0, -0.7, 0.5])
+
+
+def test_models_are_found_for_the_largest_elements_and_kept(monkeypatch):
+    """While there is room for their boxes; elements that gain pixels are added to those that are known."""
+    rng, count = np.random.default_rng(3), 5
+    line = series(count - 1)[0]
+    z, y, x = np.meshgrid(line, line, line, indexing="ij")
+    own = coefficients_of(np.stack([x + 0.002 * y * z, y, z + 0.002 * x * x]))
+    maps = np.repeat(own[None], 6, axis=0) * rng.uniform(1.0, 2.0, (6, 1, 1, 1, 1))
+    inside = ShapeFacets(np.column_stack(facets(Shape.HEXAHEDRON)))
+    known = inverses.KnownInverses(np.zeros(6, np.int64))
+    monkeypatch.setattr(inverses, "_MOST_BOXES", 4)
+    pixels = np.array([10, 100, 300, 0, 90, 200])
+    known.add(maps, inside, pixels)
+    assert sorted(np.concatenate([own.element for own in known.found])) == [1, 2, 4, 5]
+    known.add(maps, inside, pixels + 1000)
+    assert sum(map(len, known.found)) == 4
+    monkeypatch.setattr(inverses, "_MOST_BOXES", 100)
+    known.add(maps, inside, pixels + 1000)
+    assert sorted(np.concatenate([own.element for own in known.found])) == list(range(6))
+
+
+@pytest.mark.parametrize("shape", [Shape.HEXAHEDRON, Shape.PRISM])
+def test_light_through_models_has_its_closed_form(shape, draw, monkeypatch):
+    """The density rises linearly in a cube whose elements are bent inside: its integral along a ray is quadratic."""
+    rise = np.array([0.3, 0.5, 0.1])
+    data = with_field(curved(grid(shape, 2), bulged, 7), lambda p: 0.05 + p @ rise, 7)
+    monkeypatch.setattr(inverses, "_PIXELS_OF_A_BOX", 1e-9)
+    found = list[int]()
+    known = inverses._terms
+    monkeypatch.setattr(inverses, "_terms", lambda models: found.append(len(models)) or known(models))
+    look = VolumeRendering(Transfer((0.0, 1.0), (0.0, 2.0), ((1.0, 1.0, 1.0), (1.0, 1.0, 1.0))))
+    frame = draw(data, camera=CAMERA, size=SIZE, objects=(look,), background=(0.0, 0.0, 0.0))
+    assert sum(found) > 0
+    # where rays enter and leave the cube
+    origins, directions = frame.view.rays_of(np.arange(frame.view.count))
+    ends = np.sort([-origins / directions, (1.0 - origins) / directions], axis=0)
+    first, last = ends[0].max(axis=1), ends[1].min(axis=1)
+    length = np.maximum(last - first, 0.0) * np.linalg.norm(directions, axis=1)
+    middle = origins + 0.5 * (first + last)[:, None] * directions
+    expected = -np.expm1(-2.0 * length * (0.05 + middle @ rise))
+    certain = frame.status.reshape(-1) == Status.CERTAIN
+    assert np.array_equal(certain, length > 0.0)
+    assert np.abs(frame.color.reshape(-1, 3) - expected[:, None]).max() < 1e-5
+
+
 def line_through(rng, number):
     """Ends (3,) of a part of a line in the cube [-1, 1]^3, which changes coordinates by 2 / ``number`` at most."""
     middle, change = rng.uniform(-1, 1, 3), rng.choice((-1.0, 1.0), 3) * rng.uniform(0.5, 1.0, 3)

@@ -42,6 +42,8 @@ _SUFFICIENT = 1e-5
 _PIXELS_OF_A_BOX = 60
 #: elements that are tried first: if models of none of them suffice, boxes of all others are halved at once
 _SAMPLE = 8
+#: boxes of a part that have models, at most: they take 12 kB each
+_MOST_BOXES = 1 << 16
 #: degree of polynomials along rays from which on they hold on long parts
 _LEAST_DEGREE = 6
 #: parts into which rays through a box may be divided: the smallest sufficient number, which may be a fraction, is used
@@ -72,6 +74,9 @@ class KnownInverses:
         for halvings in range(_MOST_HALVINGS + 1):
             worthwhile = pixels >= _PIXELS_OF_A_BOX * 8**halvings
             rows = np.flatnonzero((self.tried == halvings) & worthwhile)
+            room = max(0, _MOST_BOXES - sum(map(len, self.found))) // 8**halvings
+            if len(rows) > room:
+                rows = np.sort(rows[np.argsort(-pixels[rows], kind="stable")[:room]])
             some = rows[:: max(1, len(rows) // _SAMPLE)]
             if len(rows) > len(some) and not self._try(series, inside, some, halvings).any():
                 self.tried[rows] = halvings + 1
@@ -113,6 +118,7 @@ class Inverses:
         self._loaded, self._bends = loaded, bends
         self._series: dict[tuple[int, str | None], Floats] = {}
         self._buffers: dict[tuple[int, str | None, int], tuple[tuple[int, float], dict[str, Buffer]]] = {}
+        self._judged: dict[tuple[int, str | None, int], tuple[float, list[tuple[InverseMaps, Floats, Floats]]]] = {}
 
     def buffers(
         self, number: int, quantity: str | None, kernel: Kernel, degree: int, allowed: float, pixels: Ints
@@ -154,7 +160,7 @@ class Inverses:
     ) -> dict[str, Buffer]:
         """The models of elements in which the error is allowed."""
         device, count = self._loaded.device, len(self._loaded.parts[number])
-        found = [self._allowed(number, quantity, degree, allowed, models) for models in known.found if len(models)]
+        found = self._judged_models(number, quantity, degree, allowed, known)
         records = np.zeros(sum(len(models) for models, _, _ in found), kernel.dtype("models"))
         boxes = np.zeros(count + 1, np.uint32)
         terms = np.zeros(1)
@@ -171,6 +177,19 @@ class Inverses:
             terms = _terms(models)
         arrays = {"models": records if len(records) else np.zeros(1, records.dtype), "boxes": boxes, "inverse": terms}
         return {name: device.buffer(array) for name, array in arrays.items()}
+
+    def _judged_models(
+        self, number: int, quantity: str | None, degree: int, allowed: float, known: KnownInverses
+    ) -> list[tuple[InverseMaps, Floats, Floats]]:
+        """Models as of `_allowed`, one group for each that has been found; only new ones are examined."""
+        before, found = self._judged.get((number, quantity, degree), (allowed, []))
+        if before != allowed:
+            found = []
+        # models are only ever added
+        for models in known.found[len(found) :]:
+            found.append(self._allowed(number, quantity, degree, allowed, models))
+        self._judged[number, quantity, degree] = allowed, found
+        return found
 
     def _allowed(
         self, number: int, quantity: str | None, degree: int, allowed: float, models: InverseMaps
