@@ -24,7 +24,8 @@ If set to 1, failures show their traceback, as with \\-\\-debug.
 .TP
 .B ELVIS_SLANG_OPTIMIZATION
 Optimisation of kernels by Slang, before that of the driver: none, default, high or maximal. With none, some kernels
-compile in a fifth less time and some draw a tenth slower. Meant for work on kernels.
+compile in a fifth less time and some draw a tenth slower. The device cpu uses maximal if nothing is set. Meant for
+work on kernels.
 .TP
 .B XDG_CACHE_HOME
 Folder of the caches of compiled kernels and conversions; ~/.cache by default.

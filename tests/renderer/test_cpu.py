@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -40,7 +41,7 @@ from elvis import (
 )
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple
-from elvis.renderer.adapters import Adapter
+from elvis.renderer.adapters import Adapter, compiler
 from elvis.renderer.device import SHADERS
 from elvis.renderer.device_errors import DeviceError
 from elvis.renderer.kernel_failures import DRAWN, drawn_by, naming_what_fails
@@ -198,6 +199,14 @@ def chosen_compiler(tmp_path_factory):
     assert log.exists(), f"{name} compiled nothing"
 
 
+@pytest.fixture(scope="module", autouse=True)
+def optimised():
+    """Let compilers optimise as they do for users: kernels of the CPU take minutes on some shapes otherwise."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv("ELVIS_SLANG_OPTIMIZATION", raising=False)
+        yield
+
+
 @pytest.fixture(scope="module")
 def solution():
     """Smooth fields u, v, w and a rotation a, b, c on a few elements of a shape."""
@@ -322,6 +331,18 @@ def test_a_kernel_that_does_not_compile_names_the_unsupported_object():
         " it fails to make the kernel iso_draw at iso_follow.slang:266; choose another device"
     )
     assert str(found.value.__cause__) == output
+
+
+@pytest.mark.parametrize(("kind", "requested", "level"), [
+    ("cpu", None, "maximal"), ("vulkan", None, "default"), ("cpu", "none", "none"),
+])  # fmt: skip
+def test_kernels_of_the_cpu_are_optimised_for_speed(monkeypatch, kind, requested, level):
+    if requested is not None:
+        monkeypatch.setenv("ELVIS_SLANG_OPTIMIZATION", requested)
+    levels = []
+    device = SimpleNamespace(create_slang_session=lambda options, **_: levels.append(options.optimization.name))
+    compiler(device, Adapter(kind, "a device", software=True), SHADERS)
+    assert levels == [level]
 
 
 def test_every_folder_of_kernels_has_a_name():
