@@ -114,13 +114,10 @@ def _extent_of_boxes(scene: Scene, camera: Camera, boxes: Sequence[Boxes]) -> Fl
 
 def _points_of_boxes(scene: Scene, boxes: Sequence[Boxes]) -> Iterator[Floats]:
     """Points (n, 3) that may be visible, some boxes' after another: their corners, or those on the only plane."""
-    plane = scene.only_plane
+    plane = None if scene.box else scene.only_plane
     for some in boxes:
-        if plane and not scene.box:
-            yield crossings(some, plane)
-        else:
-            for part in chunks(len(some), BOXES_AT_ONCE):
-                yield _corners(some[part])
+        for part in chunks(len(some), BOXES_AT_ONCE):
+            yield crossings(some[part], plane) if plane else _corners(some[part])
 
 
 def _extent_by_glances(
