@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elvis.core.arrays import Bools, Floats, Ints
 from elvis.core.interfaces.side_groups import SideSet
@@ -20,8 +22,8 @@ OTHERS_AT_ONCE = 64
 MOST_BLOCKS = 8
 #: part of the examined sides that must be hopeless for the search to go on
 WORTHWHILE = 0.25
-#: room for the rounding of cosines
-COSINE_ROUNDING = 1e-9
+#: room for the rounding of cosines between normals in single precision
+COSINE_ROUNDING = 1e-6
 
 
 def shares(chosen: Ints, count: int) -> Iterator[Ints]:
@@ -31,7 +33,9 @@ def shares(chosen: Ints, count: int) -> Iterator[Ints]:
         yield chosen[part]
 
 
-def hopeless_sides(sides: SideSet, candidates: Ints, tree: BoxTree, normals: Floats, facing: float | None) -> Bools:
+def hopeless_sides(
+    sides: SideSet, candidates: Ints, tree: BoxTree, normals: NDArray[Any], facing: float | None
+) -> Bools:
     """(n,) sides for certain that have too many others at their points to be examined.
 
     candidates  (m,) the sides that are compared
@@ -54,7 +58,7 @@ def hopeless_sides(sides: SideSet, candidates: Ints, tree: BoxTree, normals: Flo
     return found
 
 
-def _are_hopeless(sides: SideSet, own: Ints, boxes: Boxes, normals: Floats, facing: float | None) -> Bools:
+def _are_hopeless(sides: SideSet, own: Ints, boxes: Boxes, normals: NDArray[Any], facing: float | None) -> Bools:
     """(k,) which of the sides ``own`` (k,) are hopeless for others of these."""
     which, points = sides.samples(own, 0)
     world = sides.at(points, own[which])
@@ -72,7 +76,7 @@ def _are_hopeless(sides: SideSet, own: Ints, boxes: Boxes, normals: Floats, faci
     return counts > most
 
 
-def _are_facing(normals: Floats, others: Ints, facing: float | None) -> Bools:
+def _are_facing(normals: NDArray[Any], others: Ints, facing: float | None) -> Bools:
     """(m, k) whether sides ``others`` (m,) may coincide with sides that have the ``normals`` (k, 3)."""
     found = np.ones((len(others), len(normals)), bool)
     if facing is not None:

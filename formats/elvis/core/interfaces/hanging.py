@@ -159,7 +159,8 @@ class _Search:
         magnitude = float(np.abs(extent).max()) if len(candidates) else 0.0
         scale = float(np.linalg.norm(extent[1] - extent[0])) if len(candidates) else 0.0
         self._rounding = max(ROUNDING * scale, SOURCE_ROUNDINGS * precision * magnitude)
-        self._size = np.zeros(len(sides))
+        # sizes and normals decide what is near, and what may face one another: single precision does
+        self._size = np.zeros(len(sides), np.float32)
         boxes = np.empty((len(candidates), 6), np.float32)
         for part in chunks(len(candidates), POINTS_AT_ONCE):
             low, high = self._enlarged(part)
@@ -167,7 +168,7 @@ class _Search:
         # leaves of a power of two that are nearly full: half of them could be empty otherwise
         leaves = 1 << max(0, (len(boxes) // LEAF).bit_length() - 1)
         self._tree = BoxTree.build(boxes, max(LEAF, -(-len(boxes) // leaves)))
-        self._normals = np.empty((len(sides), 3))
+        self._normals = np.empty((len(sides), 3), np.float32)
         for part in chunks(len(sides), POINTS_AT_ONCE):
             own = np.arange(part.start, part.stop)
             self._normals[part] = sides.normals(np.zeros((len(own), 2)), own)[0]
@@ -320,13 +321,12 @@ class _Search:
         """(n,) whether pairs of sides count: faces of a slit don't, and near ones only if corners are also near."""
         _, first, which = np.unique(self._code(side, other), return_index=True, return_inverse=True)
         pairs = np.stack([side[first], other[first]], axis=1)
-        both_named = self.named[pairs].all(axis=1)
         one, two = self.sides.corners(pairs[:, 0]), self.sides.corners(pairs[:, 1])
         apart = np.linalg.norm(one[:, :, None] - two[:, None], axis=3)
         is_equal = (apart.min(axis=2).max(axis=1) <= self._rounding) & (apart.min(axis=1).max(axis=1) <= self._rounding)
-        is_slit = both_named & is_equal
-        touches = apart.min(axis=(1, 2)) <= self._rounding
-        return np.asarray(~is_slit[which] & (is_on | touches[which]))
+        is_slit = is_equal & self.named[pairs].all(axis=1)
+        is_near = apart.min(axis=(1, 2)) <= self._rounding
+        return ~is_slit[which] & (is_on | is_near[which])
 
     def are_open(self, found: _Contacts, sure: Bools, undecided: Bools) -> Bools:
         """(n,) inner sides that enclose something, or leave a gap, together with the sides which they touch.

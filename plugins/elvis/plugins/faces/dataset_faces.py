@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from elvis.core.arrays import Floats, Ints, frozen_floats
+from elvis.core.arrays import Floats, Ints, concatenated, frozen_floats, narrow_ints, numbered
 from elvis.core.dataset import Dataset
 from elvis.core.distances.boundaries import inner_sides
 from elvis.core.errors import ElvisError
@@ -36,7 +38,7 @@ def native_faces(dataset: Dataset, ids: Sequence[Ints], length: float | None = N
     found: list[FaceBlock] = []
     for block in mapping(dataset):
         for part, own in enumerate(ids):
-            rows = numbers = np.arange(len(own))
+            rows = numbers = numbered(len(own))
             if not np.array_equal(block.element_ids, own):
                 rows, numbers = np.intersect1d(block.element_ids, own, return_indices=True)[1:]
             if len(rows):
@@ -87,9 +89,10 @@ def _blocks(mesh: Mesh, part: int, block: Part, rows: Ints, numbers: Ints, lengt
     for kind, places, entity in sides:
         space = face_space(kind, degree)
         count = len(places)
-        local = np.tile(np.arange(count), len(rows))
-        nets = sampled_nets(space, np.repeat(rows, count), local, places, images)
-        element = np.repeat(numbers, count)
+        local: NDArray[Any] = np.tile(np.arange(count, dtype=np.uint8), len(rows))
+        repeated = np.repeat(narrow_ints(rows, len(block)), count)
+        nets = sampled_nets(space, repeated, local, places, images)
+        element = repeated if rows is numbers else np.repeat(narrow_ints(numbers, mesh.count), count)
         yield FaceBlock(part, solid, space, element, local, entity.reshape(-1), places, nets)
 
 
@@ -156,10 +159,10 @@ def _names(mesh: Mesh, extruded: bool) -> tuple[dict[str, Ints], dict[str, Ints]
     for name, parts in mesh.named_parts().items():
         faces = [_face_numbers(mesh, extruded, ids) for tag, ids in parts if tag in face_tags]
         if faces:
-            boundaries[name] = np.concatenate(faces)
+            boundaries[name] = concatenated(faces)
         elements = [ids for tag, ids in parts if tag in element_tags]
         if elements:
-            regions[name] = np.concatenate(elements)
+            regions[name] = concatenated(elements)
     return boundaries, regions
 
 

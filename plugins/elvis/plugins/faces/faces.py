@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.arrays import Bools, Floats, Ints, concatenated
 from elvis.core.errors import ElvisError
 from elvis.core.hints import perhaps
 from elvis.plugins.faces.nets import FaceSpace
@@ -89,7 +89,7 @@ class Faces:
         """For each block the flags (n,) of the faces with a name."""
         kind, colon, name = word.partition(":")
         if word in ("all", "inner"):
-            return [(self._sides[block.entity] > 1) == (word == "inner") for block in self.blocks]
+            return [self._is_inner[block.entity] == (word == "inner") for block in self.blocks]
         if word in self.boundaries:
             return [np.isin(block.entity, self.boundaries[word]) for block in self.blocks]
         if colon and kind == "shape":
@@ -114,8 +114,8 @@ class Faces:
         return self.regions[name]
 
     @cached_property
-    def _sides(self) -> Ints:
-        """Number (entities,) of element faces on each face of the mesh, including faces that are not here."""
-        counts = np.bincount(np.concatenate([block.entity for block in self.blocks]))
-        counts[self.inner[self.inner < len(counts)]] = 2
-        return counts
+    def _is_inner(self) -> Bools:
+        """(entities,) whether each face of the mesh has elements on both sides, also if one of them is not here."""
+        found = np.bincount(concatenated([block.entity for block in self.blocks])) > 1
+        found[self.inner[self.inner < len(found)]] = True
+        return found
