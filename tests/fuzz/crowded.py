@@ -1,9 +1,10 @@
 """Crowded files, the shortest entries that a format has: ``python tests/fuzz/crowded.py [--size 16] [--only gmf,...]``.
 
 Each file is as large as ``--size`` says, in millions of bytes, and consists of one kind of entry: vertices, elements,
-sides, values, tokens, tables.  ``elvis info``, or another command given with ``--command``, ends with status 0 or with
-one sentence; its memory stays below 20 times the files and 300 MB.  Memory and seconds are those of all its processes
-that it has waited for, the largest one's memory.
+sides, values, tokens, tables.  ``elvis info``, or the commands given with ``--command``, end with status 0 or with one
+sentence.  Their memory stays below 20 times the files and 300 MB, or what the same command takes for a small file of
+the same reader if that is more, because it opens a device.  Memory and seconds are those of all processes that a
+command has waited for, the largest one's memory.
 """
 
 from __future__ import annotations
@@ -13,13 +14,14 @@ import struct
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from functools import cache
 from itertools import permutations
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 from crowded_arrays import ARRAYS, Files, Maker
-from large import run
+from large import BASE, outcome_of, run
 
 from elvis.core.arrays import Floats, Ints
 
@@ -28,6 +30,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 #: vertices of a cube, and one more in its middle: no number of one has two digits
 PLACES = [(x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)] + [(0.5, 0.5, 0.5)]
 SEED = 20261130
+#: size of a small file, in millions of bytes
+SMALL = 0.02
 
 
 def rows(size: int, columns: int, above: int, start: str = "", end: str = "\n", gap: str = " ", first: int = 1) -> str:
@@ -467,13 +471,35 @@ def store(folder: Path, files: Files) -> None:
         (folder / name).write_bytes(text)
 
 
+def make_apart(folder: str, reader: str, kind: str, size: float) -> list[str]:
+    """Names of the files of a kind, made in another process: the memory of a process starts with that of its parent."""
+    words = ("--size", str(size), "--only", reader, "--kind", kind, "--keep", folder)
+    subprocess.run([sys.executable, __file__, *words], check=True)
+    return sorted(path.name for path in Path(folder).iterdir())
+
+
+def filled(command: str, names: Sequence[str]) -> list[str]:
+    """Words of a command with the files behind the first."""
+    first, *rest = command.split()
+    return [first, *names, *rest]
+
+
+@cache
+def base_of(reader: str, command: str) -> int:
+    """Bytes that a command takes for a small file of a reader, at least those of the rule."""
+    kind = next(iter(READERS[reader]))
+    with TemporaryDirectory() as place:
+        names = make_apart(place, reader, kind, SMALL)
+        return max(BASE, outcome_of(Path(place), filled(command, names)).memory)
+
+
 def main() -> int:
     """Print a line for each file; the exit status is 1 if one breaks the rule."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--size", type=float, default=16.0, help="of a file, in millions of bytes")
     parser.add_argument("--only", help="readers, commas between them")
     parser.add_argument("--kind", help="kinds of files, commas between them")
-    parser.add_argument("--command", default="info", help="words of the command; files come behind the first")
+    parser.add_argument("--command", action="append", help="words of a command; files come behind the first")
     parser.add_argument("--keep", type=Path, help="only write the files into this folder")
     given = parser.parse_args()
     readers = given.only.split(",") if given.only else list(READERS)
@@ -483,14 +509,11 @@ def main() -> int:
             store(given.keep, make(int(given.size * 1e6)))
             continue
         with TemporaryDirectory() as place:
-            # in another process, since the memory of a process starts with that of its parent
-            words = ("--size", str(given.size), "--only", reader, "--kind", kind, "--keep", place)
-            subprocess.run([sys.executable, __file__, *words], check=True)
-            names = sorted(path.name for path in Path(place).iterdir())
-            first, *rest = given.command.split()
-            line = run(Path(place), names, (first, *names, *rest))
-            is_bad |= line.endswith("FAULT")
-            print(f"{reader}, {kind}: {line}", flush=True)
+            names = make_apart(place, reader, kind, given.size)
+            for command in given.command or ["info"]:
+                line = run(Path(place), names, filled(command, names), base_of(reader, command))
+                is_bad |= line.endswith("FAULT")
+                print(f"{reader}, {kind}: {line}", flush=True)
     return int(is_bad)
 
 

@@ -11,7 +11,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -31,10 +31,18 @@ SHOWN = 8
 LONG = ("u" * 90_000, "u" + "+u" * 45_000, "(" * 90_000, "1" * 90_000, "'" + "a" * 90_000 + "'", "d(" * 30_000)
 
 
-def run(folder: Path, files: Sequence[str], words: Sequence[str]) -> str:
-    """Run a command; its end, seconds and memory, and FAULT if it breaks the rule."""
-    paths = [own for name in files for own in (folder / name, *(folder / name).rglob("*"))]
-    size = sum(path.stat().st_size for path in paths if path.is_file())
+@dataclass(frozen=True)
+class Outcome:
+    """How a command ended, what it printed as errors and notes, its peak memory in bytes and processor seconds."""
+
+    status: int
+    text: str
+    memory: int
+    seconds: float
+
+
+def outcome_of(folder: Path, words: Sequence[str]) -> Outcome:
+    """Run a command in a folder."""
     # a cached conversion would hide the cost of the first one
     with TemporaryDirectory() as cache:
         process = subprocess.Popen(
@@ -48,15 +56,28 @@ def run(folder: Path, files: Sequence[str], words: Sequence[str]) -> str:
         text = process.stderr.read() if process.stderr else ""
         _, status, usage = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
-    memory, seconds = usage.ru_maxrss << 10, usage.ru_utime + usage.ru_stime
-    lines = text.splitlines()
+    return Outcome(process.returncode, text, usage.ru_maxrss << 10, usage.ru_utime + usage.ru_stime)
+
+
+def run(folder: Path, files: Sequence[str], words: Sequence[str], base: int = BASE) -> str:
+    """Run a command; its end, seconds and memory, and FAULT if it breaks the rule.
+
+    base  bytes of memory in addition to those for the files
+    """
+    paths = [own for name in files for own in (folder / name, *(folder / name).rglob("*"))]
+    size = sum(path.stat().st_size for path in paths if path.is_file())
+    found = outcome_of(folder, words)
+    lines = found.text.splitlines()
     # notes on what was converted precede an end that is good, and one sentence an error
-    most_lines = {0: MOST_NOTES, 1: 1}.get(process.returncode, 0)
-    is_good = memory <= PER_BYTE * size + BASE and process.returncode <= len(lines) <= most_lines
+    most_lines = {0: MOST_NOTES, 1: 1}.get(found.status, 0)
+    limit = PER_BYTE * size + base
+    is_good = found.memory <= limit and found.status <= len(lines) <= most_lines
     is_good &= all(len(line) < 2000 for line in lines)
     shown = " ".join(word if len(word) < 30 else word[:20] + "…" for word in words[:SHOWN])
     shown += f" … ({len(words)} words)" if len(words) > SHOWN else ""
-    end = f"status {process.returncode}, {seconds:.1f} s, {memory >> 20} MB for {size >> 20} MB of files"
+    end = (
+        f"status {found.status}, {found.seconds:.1f} s, {found.memory >> 20} of {limit >> 20} MB, {size >> 20} MB files"
+    )
     return f"{shown}: {end} {lines[0][:100] if lines else ''}{'' if is_good else ' FAULT'}"
 
 
