@@ -12,7 +12,7 @@ from elvis.core.shapes import Shape
 from elvis.core.streamlines.streamlines import trace
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
 from elvis.renderer.completing import completed
-from elvis.renderer.passes.tubes.tubes import TubeDrawer
+from elvis.renderer.passes.tubes.tubes import GROUP_SIZE, TubeDrawer
 from elvis.scene.commandline.composing import composed
 from elvis.scene.commandline.parameters import streamlines
 from elvis.scene.commandline.writing import option_words
@@ -260,3 +260,47 @@ def test_lines_on_surfaces_in_space(draw):
     assert draw(whole, field="u", objects=(shown,), camera=camera, size=(60, 48)).seen.sum() > len(place)
     with pytest.raises(SceneError, match="ribbons: expected 2D data in the plane or 3D data, found surfaces in space"):
         draw(whole, objects=(Streamlines(shown.seeds, ribbon=0.1),), size=(8, 8))
+
+
+class Layout:
+    """A kernel whose only record is the ball of a group."""
+
+    def dtype(self, name):
+        return np.dtype([(part, float) for part in ("x", "y", "z", "reach", "deviation")])
+
+
+def test_balls_of_groups_hold_the_balls_of_their_curves():
+    rng, count = np.random.default_rng(1), 50
+    records = np.zeros(count, [("points", float, 24), ("reach", float), ("deviation", float)])
+    for name in records.dtype.names:
+        records[name] = rng.uniform(0, 1, records[name].shape)
+    listed = rng.integers(count, size=3 * GROUP_SIZE + 5)
+    groups = TubeDrawer.around(None, Layout(), records, listed)["groups"]
+    assert len(groups) == 3
+    own = records[listed[: 3 * GROUP_SIZE]].reshape(3, GROUP_SIZE)
+    middle = np.stack([groups[name] for name in "xyz"], axis=1)
+    far = np.linalg.norm(own["points"][..., :3] - middle[:, None], axis=2) + own["reach"]
+    assert (far.max(axis=1) <= groups["reach"]).all()
+    assert groups["reach"] == pytest.approx(far.max(axis=1))
+    assert np.array_equal(groups["deviation"], own["deviation"].max(axis=1))
+    assert len(TubeDrawer.around(None, Layout(), records, listed[:3])["groups"]) == 1
+
+
+def test_curves_that_are_skipped_together_change_nothing(draw, circles, monkeypatch):
+    """In a small picture, tiles list many curves."""
+    lines = Streamlines(("random:40",), "u,v,w", length=6.0)
+    scene = {"size": (40, 32), "objects": (lines,), "camera": Camera((2.0, -2.0, 2.0), (0.5, 0.5, 0.5), height=1.6)}
+    sizes, around = list[int](), TubeDrawer.around
+
+    def never(drawer, kernel, records, listed):
+        groups = around(drawer, kernel, records, listed)["groups"]
+        sizes.append(len(groups))
+        groups["reach"] = 1e9
+        return {"groups": groups}
+
+    skipping = draw(circles, **scene)
+    monkeypatch.setattr(TubeDrawer, "around", never)
+    every = draw(circles, **scene)
+    assert min(sizes) > 20
+    for name in ("depth", "status", "element", "field"):
+        assert np.array_equal(getattr(skipping, name), getattr(every, name), equal_nan=name in ("depth", "field"))

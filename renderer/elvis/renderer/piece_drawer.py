@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar, Generic, TypeVar
 from weakref import WeakKeyDictionary
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from elvis.core.arrays import Floats, Ints, Records
 from elvis.core.streamlines.line_pieces import Pieces
+from elvis.renderer.device import Kernel
 from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.hit_buffer import HitBuffer
 from elvis.renderer.memory import Buffer
@@ -50,6 +52,10 @@ class PieceDrawer(ABC, Generic[Shown]):
     def fill(self, records: Records, shown: Shown, seen: PiecesInView) -> None:
         """Fill in what only this kernel's records have."""
 
+    def around(self, kernel: Kernel, records: Records, listed: Ints) -> dict[str, Records]:
+        """Further arrays of this kernel, from the records and the numbers of those that are listed, tile by tile."""
+        return {}
+
     def draw(
         self, view: View, shown: Shown, girth: Girth, beyond: Floats | None = None, quantity: str | None = None
     ) -> HitBuffer:
@@ -80,7 +86,9 @@ class PieceDrawer(ABC, Generic[Shown]):
         records["owner"] = owner[seen.number]
         self.fill(records, shown, seen)
         ends = seen.least, seen.most
-        return _Prepared(view, girth, *listed_in_tiles(self.loaded, kernel, self.list_name, records, ends, view))
+        around = partial(self.around, kernel, records)
+        listed = listed_in_tiles(self.loaded, kernel, self.list_name, records, ends, view, around)
+        return _Prepared(view, girth, *listed)
 
 
 def flattened(points: Floats) -> Floats:

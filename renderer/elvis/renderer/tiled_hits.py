@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -23,15 +23,22 @@ _HELD = ("owner", "status", "reference", "depth", "normal", "uncertainty", "doub
 
 
 def listed_in_tiles(
-    loaded: DeviceVolume, kernel: Kernel, name: str, records: Records, ends: tuple[Ints, Ints], view: View
+    loaded: DeviceVolume,
+    kernel: Kernel,
+    name: str,
+    records: Records,
+    ends: tuple[Ints, Ints],
+    view: View,
+    around: Callable[[Any], dict[str, Records]] = lambda listed: {},
 ) -> tuple[dict[str, Buffer], Ints]:
     """Buffers of records (n,) by the kernel's name of them, and of their tiles; how many each tile has to look at.
 
-    ends  the minimum and the maximum pixel (n, 2) that each reaches
+    ends    the minimum and the maximum pixel (n, 2) that each reaches
+    around  further arrays by name, from the numbers of the records that are listed, tile by tile
     """
     tiles, listed = bin_sections(*ends, kernel.dtype("tiles"), view)
     work = (tiles["end"] - tiles["first"]).astype(np.int64)
-    data = {name: records, "listed": listed, "tiles": tiles}
+    data = {name: records, "listed": listed, "tiles": tiles, **around(listed)}
     return {part: loaded.device.buffer(array) for part, array in data.items()}, work
 
 
