@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from elvis.core.dataset import Dataset
-from elvis.core.integrals import reference_cells
+from elvis.core.errors import ElvisError
+from elvis.core.integrals import integrate, reference_cells
 from elvis.core.integrals.level_boxes import _DOUBTFUL, _LEAST_SIDE, LevelBoxes
 from elvis.core.integrals.reference_cells import Piece, _has_constant_slopes
 from elvis.core.integrals.targets import Places
@@ -178,3 +179,10 @@ def test_largest_scales_are_certified_within_their_tolerance():
         assert not LargestScale(valid, 8.0, "undecided").is_certified
     assert LargestScale(3.0, np.inf).is_certified
     assert not LargestScale(0.0, np.inf).is_certified
+
+
+def test_names_of_boundaries_include_all_sides_if_there_are_any():
+    for shape, names in ((Shape.SEGMENT, "domain, region:"), (Shape.TRIANGLE, "domain, all, boundary,")):
+        with pytest.raises(ElvisError) as error:
+            integrate(Dataset(grid(shape, 2)), "x", "nowhere")
+        assert f"there are {names}" in str(error.value)

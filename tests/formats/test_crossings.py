@@ -70,6 +70,22 @@ def test_points_are_on_triangles_to_rounding_of_the_largest_coordinate(part, is_
     assert found[0] == (part > 0 and not is_on)
 
 
+@pytest.mark.parametrize(("part", "is_open"), [(0.9, True), (1.1, False)])
+@pytest.mark.parametrize("side", range(3))
+def test_rays_through_the_gap_of_one_side_decide_nothing(monkeypatch, side, part, is_open):
+    monkeypatch.setattr(crossings, "_WAYS", 1)
+    along = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    along[:, 2] *= np.linalg.det(along)
+    corners = np.array([[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]]) @ along[:, :2].T
+    gaps = np.where(np.arange(3) == side, 0.5, 0.0)[None]
+    outwards = np.array([[0.0, -1.0], [np.sqrt(0.5), np.sqrt(0.5)], [-1.0, 0.0]])[side]
+    middle = np.array([[0.5, 0.0], [0.5, 0.5], [0.0, 0.5]])[side]
+    place = along[:, :2] @ (middle + part * 0.5 * outwards) - along[:, 2]
+    found, rest = windings(corners, gaps, place[None])
+    assert found[0] == 0
+    assert len(rest) == is_open
+
+
 @pytest.mark.parametrize("bend", [0.05, 0.2])
 def test_sides_of_curved_faces_match_solid_angles(monkeypatch, bend):
     # maps of order 4, whose patches are cut more finely on one side than on the other

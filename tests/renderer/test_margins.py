@@ -11,18 +11,37 @@ SHAPES = [shape for shape in Shape if shape.dimension > 1]
 HOMOGENEOUS = [Shape.TRIANGLE, Shape.QUADRILATERAL]
 
 
-def test_margins_are_twice_the_smallest_height_over_facets(functions):
+@pytest.fixture(scope="module")
+def points():
+    return np.random.default_rng(3).uniform(-1.6, 1.6, (400, 3))
+
+
+@pytest.fixture(scope="module")
+def found(functions, points):
+    """Margins and centres (n, shapes, 4), and polynomials on sides (n, 6, 2, 4) by two layers and by all."""
+    count = 4 * (len(SHAPES) + len(HOMOGENEOUS))
+    coefficients = np.random.default_rng(5).normal(size=(len(points), 27))
+    found = functions("native_hexahedron")(points, count + 48, coefficients=coefficients)
+    return found[:, :count].reshape(len(points), -1, 4), found[:, count:].reshape(len(points), 6, 2, 4)
+
+
+def test_margins_are_twice_the_smallest_height_over_facets(points, found):
     """Along homogeneous directions the planes -1 and 1 are further facets."""
-    points = np.random.default_rng(3).uniform(-1.6, 1.6, (400, 3))
-    found = functions("native_hexahedron")(points, 4 * (len(SHAPES) + len(HOMOGENEOUS))).reshape(len(points), -1, 4)
     for number, shape in enumerate(SHAPES + HOMOGENEOUS):
         margin = 2 * margins(shape, points[:, : shape.dimension])
         if number >= len(SHAPES):
             margin = np.minimum(margin, 1 - np.abs(points[:, 2]))
-        assert found[:, number, 0] == pytest.approx(margin, rel=1e-14, abs=1e-14)
+        assert found[0][:, number, 0] == pytest.approx(margin, rel=1e-14, abs=1e-14)
         assert 10 < (margin > 0).sum() < len(points)
-        centre = found[0, number, 1 : 1 + shape.dimension]
+        centre = found[0][0, number, 1 : 1 + shape.dimension]
         assert margins(shape, centre[None])[0] > 0.1
+
+
+def test_polynomials_on_sides_follow_from_two_layers_of_coefficients(found):
+    """Values and all derivatives, also across the side."""
+    sides, cube = np.moveaxis(found[1], 2, 0)
+    assert sides == pytest.approx(cube, rel=1e-11, abs=1e-11)
+    assert np.abs(cube).min(axis=2).max() > 1
 
 
 def test_facets_are_found_from_margins_along_lines(functions):
