@@ -31,7 +31,7 @@ FOUND = [
     {"leave": 1},
     MARCH,
     {"doubtful": 1, "span": 2, "recorded": 1, "owner": 1, "status": 1, "hit": 1, "off": 1, "doubt": 1},
-    {"reach": 2, "parallel": 6, "central": 6, "aside": 2, "steps": 3, "steps_within": 3},
+    {"reach": 2, "parallel": 6, "central": 6, "aside": 2, "steps": 3, "steps_within": 3, "meets": 1},
 ]
 START, CHOSEN, APPROACHED, CLOSED, LEFT, HIT = 6, 7, 9, 11, 13, 14
 
@@ -79,6 +79,13 @@ class Rays:
         self.pixels, self.place_of_pixel = rng.integers(-20, 20, (COUNT, 4)), some(-2, 2, 3)
         self.pixels[:, 2:] = self.pixels[:, :2] + np.abs(self.pixels[:, 2:])
         self.origin, self.forward = some(-1.3, 1.3, 3), some(-1, 1, 3)
+        # pictures one of whose first or last columns or rows is the last or first one of the sub-element
+        self.window = np.concatenate([rng.integers(-20, 20, (COUNT, 2)), rng.integers(1, 30, (COUNT, 2))], axis=1)
+        for k in range(2):
+            own, other = (np.arange(start + k, COUNT, 6) for start in (0, 2))
+            self.window[own, k] = self.pixels[own, 2 + k] + np.resize([0, 1], len(own))
+            last = self.pixels[other, k] - np.resize([0, 1], len(other))
+            self.window[other, k] = last + 1 - self.window[other, 2 + k]
         # rays in which the linear part of the field is constant: at the level to what it may be off, or not quite
         self.gradient[::8] = self.forward[::8] = [1.0, 0.0, 0.0]
         self.forward[::8] = [0.0, 0.5, 1.0]
@@ -95,7 +102,7 @@ class Rays:
             *[self.distance, np.stack(own, axis=1), self.step, self.end, self.sign, self.before, self.slope_before],
             *[self.last, self.start, self.direction, self.deviation, self.span, self.place, self.root, self.root_error],
             *[self.steps, self.gradient, self.mean, self.remainder, self.middle, self.miss, self.pixels],
-            *[self.origin, self.forward, self.place_of_pixel],
+            *[self.origin, self.forward, self.place_of_pixel, self.window],
         ]
         return rows_of(COUNT, columns)
 
@@ -337,6 +344,10 @@ def test_lines_of_pixels_are_where_linear_maps_have_their_distances(rays, found)
             assert start + further * direction == pytest.approx(s, rel=1e-12, abs=1e-12)
     corners = rays.pixels.reshape(COUNT, 2, 2)
     assert np.array_equal(found[-1]["aside"], np.abs(corners - rays.middle[:, None]).max(axis=1))
+    first, last = corners.swapaxes(0, 1)
+    start, size = rays.window.reshape(COUNT, 2, 2).swapaxes(0, 1)
+    meets = ((first < start + size) & (last >= start)).all(axis=1)
+    assert np.array_equal(found[-1]["meets"], meets)
     steps = rays.place_of_pixel[:, :, None] * rays.steps
     assert found[-1]["steps"] == pytest.approx(steps.sum(axis=1), rel=1e-12, abs=1e-12)
     assert found[-1]["steps_within"] == pytest.approx(np.abs(steps).sum(axis=1), rel=1e-12)
