@@ -12,7 +12,7 @@ from elvis.core.testing import approximated, grid
 
 SHAPES = [shape for shape in Shape if shape.dimension > 1]
 PLANES = Shape.of_dimension(2)
-POINTS = np.random.default_rng(7).uniform(0.001, 0.999, (10000, 3))
+POINTS = np.random.default_rng(7).uniform(0.001, 0.999, (20000, 3))
 #: five standard deviations of a mean of that many values of size one half
 NOISE = 5 * 0.5 / np.sqrt(len(POINTS))
 FIELDS = {
