@@ -71,3 +71,11 @@ def test_sections_whose_numbers_do_not_fit_have_no_count(version):
     fewer[total] -= 1
     for damaged in (numbers[:-1], [*numbers, 1], more, fewer):
         assert census(text_of(version, damaged), width_of) is None
+
+
+def test_blocks_of_version_4_are_not_taken_for_those_of_4_1():
+    """From its third number on, this section reads as one of version 4.1 as well, with other elements."""
+    lines = [number for own in (1, 2, 3, 4) for number in (own, 1, 1, 1, own, own, own % 4 + 1)]
+    section = [5, 5, *lines, 6, 2, 3, 1, 5, 1, 2, 3, 4]
+    widths = {1: 2, 2: 3, 3: 4, 4: 4, 5: 8}
+    assert census(text_of("4", section), lambda kind: widths.get(kind, 0)) == Counter({1: 4, 3: 1})

@@ -16,7 +16,7 @@ import numpy as np
 
 from elvis.core.arrays import Floats
 
-_TEXT_FORMAT = re.compile(rb"\$MeshFormat\s*\n(\d+)(?:\.\d+)?\s+0\s")
+_TEXT_FORMAT = re.compile(rb"\$MeshFormat\s*\n(\d+(?:\.\d+)?)\s+0\s")
 _NEW_SECTION = re.compile(rb"\$Elements\s*\n(.*?)\$EndElements", re.DOTALL)
 _OLD_SECTION = re.compile(rb"\$ELM\s*\n(.*?)\$ENDELM", re.DOTALL)
 
@@ -40,8 +40,9 @@ def census(raw: bytes | mmap, width: Callable[[int], int]) -> Counter[int] | Non
     numbers = _numbers(_NEW_SECTION.search(raw))
     if version is None or numbers is None:
         return None
-    if version[1] == b"4":
-        return _in_blocks(numbers, width)
+    if version[1].startswith(b"4"):
+        # version 4.1 has two more numbers, the smallest and the largest tag, before the blocks
+        return _in_blocks(numbers, 2 if float(version[1]) == 4 else 4, width)
     return _listed(numbers, lambda tags: _COLUMNS_OF_2 + tags, width)
 
 
@@ -58,22 +59,17 @@ def _numbers(section: re.Match[bytes] | None) -> Floats | None:
     return numbers if len(numbers) and np.isfinite(numbers).all() else None
 
 
-def _in_blocks(numbers: Floats, width: Callable[[int], int]) -> Counter[int] | None:
-    """Elements of version 4: blocks of elements of one type, each element a tag and its nodes."""
+def _in_blocks(numbers: Floats, first: int, width: Callable[[int], int]) -> Counter[int] | None:
+    """Elements of version 4: from the number at ``first`` on blocks of elements of one type, each a tag and its nodes."""
     found: Counter[int] = Counter()
-    # version 4.1 has two more numbers, the smallest and the largest tag, before the blocks
-    for start in (4, 2):
-        found.clear()
-        at = start
-        while at + _HEAD_OF_BLOCK <= len(numbers):
-            kind, count = int(numbers[at + 2]), int(numbers[at + 3])
-            if kind < 1 or count < 0:
-                break
-            found[kind] += count
-            at += _HEAD_OF_BLOCK + count * (1 + width(kind))
-        if at == len(numbers) and sum(found.values()) == int(numbers[1]):
-            return found
-    return None
+    at = first
+    while at + _HEAD_OF_BLOCK <= len(numbers):
+        kind, count = int(numbers[at + 2]), int(numbers[at + 3])
+        if kind < 1 or count < 0:
+            return None
+        found[kind] += count
+        at += _HEAD_OF_BLOCK + count * (1 + width(kind))
+    return found if at == len(numbers) and sum(found.values()) == int(numbers[1]) else None
 
 
 def _listed(numbers: Floats, head: Callable[[int], int], width: Callable[[int], int]) -> Counter[int] | None:
