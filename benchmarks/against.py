@@ -102,7 +102,7 @@ def drawings(renderer: Any, quick: bool) -> dict[str, tuple[Callable[[], object]
     from cases import FIELD, cut, standard
     from shown import DELTA
 
-    from elvis.scene.picture import picture
+    from elvis.scene.figure.picture import picture
 
     case, held = standard(quick), []
     scenes = {f"cut {side}^2, {case.label}": (case.dataset, FIELD, cut(side)) for side in SIDES[quick]}

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from elvis import Composite, Dataset, Mesh, Plane, Scene, Shape
-from elvis.core.arrays import Floats, frozen_ints
+from elvis.core.base.arrays import Floats, frozen_ints
 from elvis.core.testing import approximated, curved, grid
 
 Function = Callable[[Floats], Floats]

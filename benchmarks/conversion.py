@@ -22,7 +22,7 @@ from million import Diary
 from tables import Table, mebibytes, seconds
 
 from elvis import Dataset, Shape, write
-from elvis.core.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints
 from elvis.core.testing import grid
 
 #: converters, and the libraries that make and read their files
@@ -51,9 +51,9 @@ def measure(cells: tuple[int, ...]) -> dict[str, Any]:
 
 def steps(kind: str, path: Path, output: Path) -> dict[str, Any]:
     """Read, project the fields alone, convert as a whole, write."""
-    from elvis.converters.gmsh import Gmsh
-    from elvis.converters.vtk import Vtk
-    from elvis.plugins.converting import convert
+    from elvis.converters.gmsh.gmsh import Gmsh
+    from elvis.converters.vtk.vtk import Vtk
+    from elvis.plugins.conversion.converting import convert
     from elvis.plugins.projection.fitting import fit_fields
     from elvis.plugins.projection.sampling import Sampler
 
@@ -144,7 +144,7 @@ def make_gmsh(path: Path, cells: int) -> None:
     """Nodes shared, the field by a scheme of cubic functions on each element."""
     import gmsh
 
-    from elvis.converters.apart import ignore_closed_pipes
+    from elvis.converters.shared.apart import ignore_closed_pipes
 
     gmsh.initialize(["benchmark"], readConfigFiles=False, interruptible=False)
     ignore_closed_pipes()

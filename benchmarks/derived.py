@@ -23,7 +23,7 @@ from tables import Table, percent, seconds
 
 from elvis import Camera, Dataset, Isosurface, Renderer, Scene, Shape, read
 from elvis.core.testing import VORTICES, approximated, curved, grid, swirled
-from elvis.renderer.completing import completed
+from elvis.renderer.asking.completing import completed
 
 CAMERA = Camera((2.5, -2.0, 1.9), (0.5, 0.5, 0.5), fov=30.0)
 #: cells of a grid each way, and modes of the fields: 27 hexahedra of order 4, 48 tetrahedra and 16 prisms of order 3

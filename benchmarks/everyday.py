@@ -11,8 +11,8 @@ from functools import cache, partial
 
 import numpy as np
 
-from elvis.core.arrays import Floats
-from elvis.core.dataset import Dataset
+from elvis.core.base.arrays import Floats
+from elvis.core.data.dataset import Dataset
 from elvis.core.integrals import integrate
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid

@@ -19,7 +19,7 @@ from cases import Case
 from measuring import Timing
 
 from elvis import Shape
-from elvis.renderer.adapters import open_device
+from elvis.renderer.device.adapters import open_device
 
 #: operations of a 3 x 3 solve by Cramer's rule (3 cross products of 9, 4 scalar products of 5, a division, 3 products)
 #: with the residual (3) and the update (3)

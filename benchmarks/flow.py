@@ -13,8 +13,8 @@ from shown import DELTA, Shown
 from tables import Table, seconds
 
 from elvis import CutSurface, Dataset, Lic, Plane, Renderer, Scene, Streamlines, Style
-from elvis.core.arrays import Floats
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Floats
+from elvis.core.base.errors import ElvisError
 from elvis.core.streamlines.course import Course, Flow, MakeTracer
 from elvis.core.streamlines.tracer import Tracer
 from elvis.reference.baseline.vtk import VtkBaseline

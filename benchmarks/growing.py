@@ -27,7 +27,7 @@ from measuring import ENVIRONMENT, anonymous_memory
 from pyfr_running import CONFIG, deal, prepared
 from tables import Table
 
-from elvis.renderer import pyfr_host
+from elvis.renderer.insitu import pyfr_host
 
 #: steps from one note to the next
 EVERY = 10

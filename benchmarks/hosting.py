@@ -25,9 +25,9 @@ from pyfr_running import imported
 from tables import Table, seconds
 
 from elvis import Scene, Session
-from elvis.plugins.registry import load
-from elvis.plugins.run_states import NodalStates
-from elvis.renderer.rendering import Pictures
+from elvis.plugins.command.registry import load
+from elvis.plugins.data.run_states import NodalStates
+from elvis.renderer.frame.rendering import Pictures
 
 NAMES = ("rho", "rhou", "rhov", "rhow", "E")
 ORDER = 3

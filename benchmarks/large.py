@@ -16,7 +16,7 @@ from tables import Table, mebibytes, seconds
 
 from elvis import Shape, write
 
-ELVIS = [sys.executable, "-c", "from elvis.plugins.command import main; main()"]
+ELVIS = [sys.executable, "-c", "from elvis.plugins.command.command import main; main()"]
 CAMERA = ["--camera", "2,-1.6,1.7:0.5,0.5,0.5:0,0,1:35"]
 KINDS = {
     "cut": ["--plane", "0.5,0.5,0.4:0.1,0.2,1"],

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elvis import Dataset, Plane
-from elvis.core.arrays import Floats, Ints
-from elvis.core.patch import Patch, patches
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.mapping.patch import Patch, patches
 from elvis.core.polynomials.expansion import values
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
 
 #: tetrahedra of one refinement: rows of the four vertices, then the midpoints 01 02 03 12 13 23
 CHILDREN = np.array(

@@ -9,12 +9,12 @@ import numpy as np
 from measuring import Timing, once
 
 from elvis import CutSurface, Dataset, Faces, Isosurface, Plane, Shape
-from elvis.core.arrays import Floats, Ints
-from elvis.core.patch import patches
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.mapping.patch import patches
 from elvis.core.polynomials.expansion import values
 from elvis.plugins.faces import native_faces
-from elvis.scene.frame import Frame
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
+from elvis.scene.record.frame import Frame
 
 STAGES = ("refine", "extract", "draw")
 #: share of the range that one step of an 8-bit colour map spans, and pixels that an isosurface may be off

@@ -12,7 +12,7 @@ from typing import Any
 
 from measuring import contention
 
-from elvis.renderer.device import Device
+from elvis.renderer.device.device import Device
 
 PACKAGES = ("elvis-viz", "numpy", "h5py", "slangpy", "vtk")
 ROOT = Path(__file__).resolve().parents[1]

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from elvis import Dataset
-from elvis.core.arrays import Floats
-from elvis.core.dataset import Block, Field
-from elvis.core.geometry import GeometryBlock, geometry
+from elvis.core.base.arrays import Floats
+from elvis.core.data.dataset import Block, Field
 from elvis.core.mapping import tangents
+from elvis.core.mapping.geometry import GeometryBlock, geometry
 from elvis.core.mapping.projections import best, rule
-from elvis.core.norms import stretch_factors
+from elvis.core.numbers.norms import stretch_factors
 from elvis.core.polynomials.cubature import COLLAPSE
 from elvis.core.polynomials.evaluation import evaluate, evaluate_with_gradients
 from elvis.core.polynomials.interpolation import modified

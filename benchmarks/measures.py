@@ -21,15 +21,15 @@ from shown import WING
 from tables import Table, seconds
 
 from elvis import Dataset, Plane, Shape, integrate
-from elvis.core.arrays import Floats
-from elvis.core.extrema import extrema
-from elvis.core.patch import patches
+from elvis.core.base.arrays import Floats
+from elvis.core.bounds.extrema import extrema
+from elvis.core.mapping.patch import patches
 from elvis.core.polynomials.cubature import field_cubature
 from elvis.core.polynomials.expansion import values, values_and_gradients
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.testing import approximated, grid
 from elvis.plugins.faces import native_faces
-from elvis.renderer.rendering import Pictures
+from elvis.renderer.frame.rendering import Pictures
 
 #: refinements of VTK's pieces, and those of which two datasets fit into memory at once
 LEVELS, OF_TWO = 5, 4

@@ -21,9 +21,9 @@ from measuring import ENVIRONMENT, forget_peak, memory, once, peak_memory
 from tables import Table, mebibytes, seconds
 
 from elvis import Dataset, read, write
-from elvis.core.arrays import Floats
+from elvis.core.base.arrays import Floats
 from elvis.core.mapping.boxes import BoxTree
-from elvis.core.patch import patches
+from elvis.core.mapping.patch import patches
 
 T = TypeVar("T")
 FILES = ("million.xml", "million.nekg", "million.fld")
@@ -128,7 +128,7 @@ def raw_bytes(dataset: Dataset) -> int:
 
 def probe_error(dataset: Dataset, points: Floats, found: Floats) -> float:
     """Largest difference from the NumPy evaluation, as a share of the range of the values found."""
-    from elvis.core.sampling import sample
+    from elvis.core.numbers.sampling import sample
 
     truth = sample(dataset, [FIELD], points).values[:, 0]
     return float(np.nanmax(np.abs(truth - found)) / np.ptp(truth[np.isfinite(truth)]))

@@ -23,10 +23,10 @@ from measuring import ENVIRONMENT, anonymous_memory
 from tables import Table, seconds
 
 from elvis import Camera, Faces, Plane, Scene, write
-from elvis.core.terminal import warn
-from elvis.renderer.bricks import opening_for
-from elvis.renderer.rendering import Pictures
-from elvis.renderer.request import reading_for
+from elvis.core.base.terminal import warn
+from elvis.renderer.asking.request import reading_for
+from elvis.renderer.frame.rendering import Pictures
+from elvis.renderer.parts.bricks import opening_for
 
 NAMES = ("plane, first", "plane, next", "plane, next", "faces, first", "faces, next")
 

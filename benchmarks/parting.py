@@ -2,9 +2,9 @@
 
 python benchmarks/parting.py [--cells 28] [--ranks 2,8,64]      one process that works in place of all
 
-Each rank finds the elements of its part that a scene depends on (`elvis.renderer.parts`); those that decide go by way
-of the first one to all, those of a band of rows to the rank that draws it (`elvis.renderer.rank_pictures`).  Sizes are
-those of messages.  The camera is given: each small picture that finds one sends about as much again.
+Each rank finds the elements of its part that a scene depends on (`elvis.renderer.parts.parts`); those that decide go by
+way of the first one to all, those of a band of rows to the rank that draws it (`elvis.renderer.frame.rank_pictures`).
+Sizes are those of messages.  The camera is given: each small picture that finds one sends about as much again.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from time import thread_time
 from cases import FIELD, million
 from tables import Table, mebibytes, seconds
 
-from elvis.core.dataset import Dataset
+from elvis.core.data.dataset import Dataset
 from elvis.core.portions import Portion, along_curve
 from elvis.core.testing.played_ranks import PlayedRanks, played
-from elvis.renderer.completing import completed
-from elvis.renderer.parts import RankPart, what_matters
-from elvis.renderer.rank_pictures import RankPicture
+from elvis.renderer.asking.completing import completed
+from elvis.renderer.frame.rank_pictures import RankPicture
+from elvis.renderer.parts.parts import RankPart, what_matters
 from elvis.scene import Camera, CutSurface, Faces, Isosurface, Plane, Scene, Transfer, VolumeRendering
 
 CAMERA = Camera((2.5, -1.5, 2.0), (0.5, 0.5, 0.5), (0.0, 0.0, 1.0), height=1.8)

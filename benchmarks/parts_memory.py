@@ -26,7 +26,7 @@ from tables import Table, seconds
 
 from elvis import write
 
-ELVIS = [sys.executable, "-c", "from elvis.plugins.command import main; main()"]
+ELVIS = [sys.executable, "-c", "from elvis.plugins.command.command import main; main()"]
 MPIEXEC = Path(sys.executable).parent / "mpiexec"
 _PLANE = "render --plane 0.5,0.45,0.52:0.3,0.2,1"
 #: a velocity that is zero on all walls of the cube

@@ -13,9 +13,9 @@ from rivals import Rivals
 from tables import Table, mebibytes, percent, seconds
 
 from elvis import Dataset, Renderer, Scene
-from elvis.core.sampling import sample
-from elvis.scene.frame import Frame
-from elvis.scene.picture import picture
+from elvis.core.numbers.sampling import sample
+from elvis.scene.figure.picture import picture
+from elvis.scene.record.frame import Frame
 
 
 def compare(case: Case, device: str, side: int, rounds: int, quick: bool) -> dict[str, Any]:

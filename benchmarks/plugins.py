@@ -24,10 +24,10 @@ from cases import CUT, FIELD, of_order, standard
 from measuring import contention, in_turn
 
 from elvis import Renderer, Scene, Shape
-from elvis.core.terminal import print_table
+from elvis.core.base.terminal import print_table
 from elvis.plugins.native import NativeVolume
 from elvis.plugins.native import buffers as native
-from elvis.plugins.volume import Part, PartsVolume, Volume, interface_folder
+from elvis.plugins.runtime.volume import Part, PartsVolume, Volume, interface_folder
 from elvis.renderer import device as devices
 
 #: how much slower than hard-wired the interface may be

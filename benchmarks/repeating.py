@@ -39,8 +39,8 @@ from elvis import (
     VolumeRendering,
     render,
 )
-from elvis.renderer.device import Device, Kernel
-from elvis.renderer.rendering import Pictures
+from elvis.renderer.device.device import Device, Kernel
+from elvis.renderer.frame.rendering import Pictures
 
 KINDS = {"new": "a new renderer for each picture", "kept": "one renderer for all pictures"}
 #: how often it is read what the process holds

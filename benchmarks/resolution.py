@@ -19,20 +19,20 @@ from manufactured import PROFILES, Manufactured, Profile, approximated, plane, t
 from tables import Table, seconds
 
 from elvis import Dataset, Shape, read
-from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.dataset import Block, Field
-from elvis.core.geometry import geometry
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.data.dataset import Block, Field
+from elvis.core.mapping.geometry import geometry
 from elvis.core.mapping.orientation import local_vertices
 from elvis.core.mapping.projections import rule
-from elvis.core.norms import quantity_norms
+from elvis.core.numbers.norms import quantity_norms
 from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.quantities import Expression
 from elvis.core.resolution.decay_rates import decay_rates
 from elvis.core.resolution.element_resolution import element_resolution
+from elvis.core.resolution.facts import resolution_facts
 from elvis.core.resolution.gradient_errors import gradient_errors
 from elvis.core.resolution.low_order_errors import with_neighbours
 from elvis.core.resolution.modal_bases import modal_basis
-from elvis.core.resolution.resolution_facts import resolution_facts
 from elvis.core.testing import grid
 
 #: makes Nek5000 files with n^3 curved hexahedra of order 7

@@ -13,8 +13,8 @@ from measuring import Timing, in_turn
 from tables import Table, percent, seconds
 
 from elvis import Dataset
-from elvis.core.memory import free_memory
-from elvis.scene.frame import Frame
+from elvis.core.base.memory import free_memory
+from elvis.scene.record.frame import Frame
 
 #: share of wrong pixels below which a linear picture counts as right
 RIGHT = 1e-3

@@ -22,8 +22,8 @@ from tables import Table, mebibytes, seconds
 from elvis import Plane, Scene, Session, from_arrays
 from elvis.core.polynomials.quadrature import lobatto
 from elvis.core.shapes import Shape
-from elvis.plugins.nodal import tensor_nodes
-from elvis.renderer.rendering import Pictures
+from elvis.plugins.conversion.nodal import tensor_nodes
+from elvis.renderer.frame.rendering import Pictures
 
 #: of the hexahedra's nodal values
 ORDER = 4

@@ -17,8 +17,8 @@ from shown import DELTA, LINES, Shown
 from tables import Table, mebibytes, percent, seconds
 
 from elvis import Camera, CutSurface, Dataset, Faces, Isosurface, Plane, Renderer, Scene, Style, VolumeRendering
-from elvis.core.geometry import geometry
-from elvis.scene.frame import Frame
+from elvis.core.mapping.geometry import geometry
+from elvis.scene.record.frame import Frame
 
 #: seconds a picture of the delta wing may take on two cores, once compiled
 LIMITS = {"cut": 0.25, "faces": 0.25, "isosurface": 1.0, "volume": 4.0}

@@ -16,12 +16,12 @@ from shown import Shown
 from tables import Table, seconds
 
 from elvis import Renderer, Scene
-from elvis.renderer import compositing
-from elvis.renderer.compositing import FragmentLists
+from elvis.renderer.frame.stages import Stages
 from elvis.renderer.passes.volume.media import Medium
 from elvis.renderer.passes.volume.ray_integrals import RayIntegrals
-from elvis.renderer.passes.volume.volume_rendering import VolumeRenderer
-from elvis.renderer.stages import Stages
+from elvis.renderer.passes.volume.rendering import VolumeRenderer
+from elvis.renderer.raster import compositing
+from elvis.renderer.raster.compositing import FragmentLists
 
 PARTS = ("cut", "faces", "isosurface", "volume")
 SHARINGS = {

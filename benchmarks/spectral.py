@@ -41,10 +41,10 @@ from elvis import (
     read,
     write,
 )
-from elvis.core.arrays import Floats
+from elvis.core.base.arrays import Floats
 from elvis.core.testing import approximated, curved, grid
 from elvis.reference.study import compare_scene
-from elvis.scene.frame import Frame
+from elvis.scene.record.frame import Frame
 
 #: of a row, in seconds of the clock
 LIMIT = 300.0
@@ -206,7 +206,7 @@ def _picture_apart(files: Sequence[str], kind: str, device: str, side: int, roun
 
 def _command(files: Sequence[str], words: Sequence[str], folder: Path) -> dict[str, Any]:
     """A command line: CPU seconds of its process, imports included."""
-    program = "from elvis.plugins.command import main; main()"
+    program = "from elvis.plugins.command.command import main; main()"
     output, spent = _run([sys.executable, "-c", program, words[0], *files, *words[1:]], folder)
     return {"processor": spent} if spent is not None else {"failed": output}
 

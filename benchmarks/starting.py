@@ -15,7 +15,7 @@ from tables import Table, seconds
 
 from elvis import Shape, write
 
-ELVIS = [sys.executable, "-c", "from elvis.plugins.command import main; main()"]
+ELVIS = [sys.executable, "-c", "from elvis.plugins.command.command import main; main()"]
 LIMITS = {"elvis --help": 0.3, "elvis render": 3.0}
 
 

@@ -22,7 +22,7 @@ from measuring import ENVIRONMENT, Timing, forget_peak, peak_memory
 from tables import Table, mebibytes, seconds
 
 from elvis import Camera, Contours, CutSurface, Faces, Plane, Scene, Shape, Style, write
-from elvis.renderer.animation import Film
+from elvis.renderer.film.animation import Film
 
 #: what is drawn
 LINES = Style(contours=Contours(count=10))

@@ -18,7 +18,7 @@ from shown import DELTA, WING, Shown
 from tables import Table, percent, seconds
 
 from elvis import Camera, Dataset, Faces, Isosurface, Plane, Renderer, Scene, Shape, Transfer, VolumeRendering
-from elvis.core.arrays import Floats
+from elvis.core.base.arrays import Floats
 from elvis.core.testing import curved, grid, with_field
 
 #: pictures of 16 x 16 pixels of which one is timed

@@ -15,9 +15,9 @@ import numpy as np
 from measuring import once
 from tables import Table, seconds
 
-from elvis.core.arrays import Floats
-from elvis.core.relative import scale
-from elvis.plugins.converting import Conversion
+from elvis.core.base.arrays import Floats
+from elvis.core.base.relative import scale
+from elvis.plugins.conversion.converting import Conversion
 from elvis.plugins.testing import values_found
 
 
@@ -99,8 +99,8 @@ CASES = [
 
 def row(case: Case, data: Path) -> list[str]:
     """A line of the table."""
-    from elvis.plugins.converting import convert
-    from elvis.plugins.discovery import choose_converter, installed_converters, with_defaults
+    from elvis.plugins.conversion.converting import convert
+    from elvis.plugins.conversion.discovery import choose_converter, installed_converters, with_defaults
 
     paths = [data / case.folder / name for name in case.files]
     converter = choose_converter(

@@ -23,17 +23,17 @@ from time import process_time
 import numpy as np
 
 from elvis import Faces, Plane, Renderer, Scene
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
-from elvis.core.picturing import Kind
-from elvis.core.ranges import field_range
+from elvis.core.base.errors import ElvisError
+from elvis.core.bounds.ranges import field_range
+from elvis.core.data.dataset import Dataset
+from elvis.core.summary.picturing import Kind
 from elvis.formats.reading import read
-from elvis.plugins.converting import convert
-from elvis.plugins.discovery import choose_converter, installed_converters, with_defaults
+from elvis.plugins.conversion.converting import convert
+from elvis.plugins.conversion.discovery import choose_converter, installed_converters, with_defaults
 from elvis.reference.record import Record
 from elvis.reference.tolerances import check_tolerances
-from elvis.renderer.completing import completed
-from elvis.renderer.rendering import render as draw
+from elvis.renderer.asking.completing import completed
+from elvis.renderer.frame.rendering import render as draw
 from elvis.scene import Isosurface
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"

@@ -28,7 +28,7 @@ from tables import Table, seconds
 
 from elvis import write
 from elvis.scene import Camera, Scene
-from elvis.scene.files import write_scene
+from elvis.scene.model.files import write_scene
 from elvis.viewer.drawing_process import Source
 from elvis.viewer.server import Server
 from elvis.viewer.session import Session

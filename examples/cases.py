@@ -28,9 +28,9 @@ import wing
 from meshing import meshed, name_sides, session
 
 from elvis import Block, Dataset, Field, Shape, write
-from elvis.core.arrays import Floats
-from elvis.core.geometry import geometry
+from elvis.core.base.arrays import Floats
 from elvis.core.mapping.connectivity import connected
+from elvis.core.mapping.geometry import geometry
 from elvis.core.polynomials.expansion import values
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.testing import approximated, curved

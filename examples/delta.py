@@ -13,7 +13,7 @@ import numpy as np
 from meshing import meshed, name_sides, session, size_field
 
 from elvis import Dataset
-from elvis.core.arrays import Bools, Floats
+from elvis.core.base.arrays import Bools, Floats
 
 SLOPE = np.tan(np.radians(15))
 BEVEL, THICKNESS, ANGLE = 0.1, 0.024, np.radians(12.5)

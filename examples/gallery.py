@@ -16,7 +16,7 @@ from pathlib import Path
 
 from cases import CASES
 
-from elvis.scene.files import read_scene
+from elvis.scene.model.files import read_scene
 
 ROOT = Path(__file__).resolve().parent.parent
 SCENES = ROOT / "examples" / "scenes"

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from elvis.core.polynomials.quadrature import lobatto
-from elvis.plugins.sample import write_sample
+from elvis.plugins.samples.sample import write_sample
 
 
 def eddies(path: Path, cells: int = 8, order: int = 7) -> None:

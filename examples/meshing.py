@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 
 from elvis import Dataset, Shape
-from elvis.converters.gmsh import Gmsh
-from elvis.core.arrays import Floats, Ints
-from elvis.core.geometry import GeometryBlock
+from elvis.converters.gmsh.gmsh import Gmsh
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.mapping.geometry import GeometryBlock
 from elvis.core.polynomials.expansion import values
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.testing import one_element
 from elvis.core.validity.validity import ValidityStatus, validity
-from elvis.plugins.converting import convert
+from elvis.plugins.conversion.converting import convert
 
 #: names of sides, and whether a surface of the model belongs to one, by its box (2, 3)
 Sides = Mapping[str, Callable[[Floats], bool]]

@@ -23,7 +23,7 @@ import numpy as np
 
 from elvis import Dataset, write
 from elvis.core.testing import approximated, curved, mixed_volume, ripple
-from elvis.plugins.sample import write_sample
+from elvis.plugins.samples.sample import write_sample
 
 #: name in the pages -> solver's file; a folder and a pattern stand for all that fit, under their own names
 SOURCES = {

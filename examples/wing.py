@@ -17,7 +17,7 @@ import numpy as np
 from meshing import meshed, name_sides, session, set_sizes, size_near
 
 from elvis import Dataset
-from elvis.core.arrays import Floats
+from elvis.core.base.arrays import Floats
 
 ROOT, SPAN = 0.8059, 1.1963
 LEADING, TRAILING = np.tan(np.radians(30)), np.tan(np.radians(15.8))

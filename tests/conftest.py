@@ -65,7 +65,7 @@ def keep_memory():
 
 def give_back_memory():
     """Return to the system what tests have freed, which `keep_memory` keeps."""
-    from elvis.core.memory import release_free_memory
+    from elvis.core.base.memory import release_free_memory
 
     gc.collect()
     release_free_memory()
@@ -191,7 +191,7 @@ def nektar():
 class Started:
     """Runs of the command line in processes of their own, in a folder."""
 
-    elvis = (sys.executable, "-c", "from elvis.plugins.command import main; main()")
+    elvis = (sys.executable, "-c", "from elvis.plugins.command.command import main; main()")
     _mpiexec = Path(sys.executable).with_name("mpiexec")
 
     def alone(self, folder, *words):
@@ -239,7 +239,8 @@ def keep_kernels(folder):
     other out, and every command that tests start would copy them.
     """
     from elvis.core.files.keeping import cache_folder
-    from elvis.renderer import compiled_modules, kernel_cache
+    from elvis.renderer.device import compiled_modules
+    from elvis.renderer.device.kernels import cache as kernel_cache
 
     users = cache_folder("kernels")
 
@@ -253,8 +254,8 @@ def keep_kernels(folder):
 
 def close_devices():
     """Close what is open, and the cache: the next one has what other workers have compiled meanwhile."""
-    from elvis.renderer import kernel_cache
-    from elvis.renderer.device import Device
+    from elvis.renderer.device.device import Device
+    from elvis.renderer.device.kernels import cache as kernel_cache
 
     RENDERERS.clear()
     for device in dict.fromkeys(OPENED.values()):
@@ -293,7 +294,7 @@ def pytest_runtest_teardown(item, nextitem):
 def devices():
     """``devices(name)`` in place of ``Device(name)``: each is opened once and stays open, so that slang, which no cache
     spares the work, links a kernel once for all tests that run in this process."""
-    from elvis.renderer.device import Device
+    from elvis.renderer.device.device import Device
 
     keep_kernels(CACHE / "slang")
 
@@ -318,14 +319,14 @@ def devices():
 def kept_devices(request, devices, monkeypatch):
     """Renderers take these, but for tests that are about devices (marker ``own_devices``)."""
     if request.node.get_closest_marker("own_devices") is None:
-        monkeypatch.setattr("elvis.renderer.rendering.Device", devices)
+        monkeypatch.setattr("elvis.renderer.frame.renderer.Device", devices)
 
 
 @pytest.fixture(scope="session")
 def renderer(devices):
     """A renderer by name of the device; only a missing Vulkan driver is a reason to skip, and not in CI."""
     from elvis import Renderer
-    from elvis.renderer.adapters import ADVICE, adapters
+    from elvis.renderer.device.adapters import ADVICE, adapters
 
     def make(name):
         if name == "vulkan" and not any(adapter.kind == "vulkan" for adapter in adapters()):
@@ -334,7 +335,7 @@ def renderer(devices):
             pytest.skip(f"no Vulkan device: {ADVICE}")
         if name not in RENDERERS:
             with pytest.MonkeyPatch.context() as patch:
-                patch.setattr("elvis.renderer.rendering.Device", devices)
+                patch.setattr("elvis.renderer.frame.renderer.Device", devices)
                 RENDERERS[name] = Renderer(name)
         return RENDERERS[name]
 

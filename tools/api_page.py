@@ -9,7 +9,7 @@ from dataclasses import fields, is_dataclass
 from typing import Any
 
 import elvis
-from elvis.scene.settings import settings
+from elvis.scene.model.settings import settings
 
 #: a line of a table in a docstring: names, two spaces or more, what they mean
 ROW = re.compile(r"^(\S.*?)\s{2,}(\S.*)$")

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 
 import click
 
-from elvis.plugins.help_topics import GEOMETRY
-from elvis.plugins.running import elvis
+from elvis.plugins.command.help_topics import GEOMETRY
+from elvis.plugins.command.running import elvis
 
 
 def page() -> str:

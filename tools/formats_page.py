@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import fields
 from pathlib import Path
 
-from elvis.plugins.conversion import Converter, Reads
-from elvis.plugins.discovery import installed_converters
+from elvis.plugins.conversion.discovery import installed_converters
+from elvis.plugins.conversion.plugin import Converter, Reads
 
 PAGE = Path(__file__).parents[1] / "docs" / "start" / "formats.md"
 HEAD = """# Formats

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from elvis.scene.files import read_scene
+from elvis.scene.model.files import read_scene
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENES = ROOT / "examples" / "scenes"

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from elvis.scene import Deform, Scene
+from elvis.scene.commandline.keywords import FORMS, Keyword, keywords
 from elvis.scene.commandline.other_programs import SAME
-from elvis.scene.keywords import FORMS, Keyword, keywords
-from elvis.scene.style import Style
+from elvis.scene.model.style import Style
 
 OUTPUT = Path(__file__).parents[1] / "renderer" / "elvis" / "scene" / "render_keywords.py"
 #: types of keywords that take models or their parts, by key
@@ -60,9 +60,9 @@ from typing import Any, Literal, TypedDict
 
 from numpy.typing import ArrayLike
 
-from elvis.scene.convolution import Lic
-from elvis.scene.copies import Copies, Repeat, Turn
-from elvis.scene.objects import (
+from elvis.scene.model.convolution import Lic
+from elvis.scene.model.copies import Copies, Repeat, Turn
+from elvis.scene.model.objects import (
     CutSurface,
     Faces,
     Glyphs,
@@ -71,9 +71,9 @@ from elvis.scene.objects import (
     Streamlines,
     VolumeRendering,
 )
-from elvis.scene.style import ColorBar, Contours, MeshLines
-from elvis.scene.surfaces import Plane, Surface
-from elvis.scene.whole import Camera, Clip, Deform, Light, Reference
+from elvis.scene.model.style import ColorBar, Contours, MeshLines
+from elvis.scene.model.surfaces import Plane, Surface
+from elvis.scene.model.whole import Camera, Clip, Deform, Light, Reference
 '''
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import click
 
-from elvis.plugins.help_topics import GEOMETRY
-from elvis.plugins.running import elvis
+from elvis.plugins.command.help_topics import GEOMETRY
+from elvis.plugins.command.running import elvis
 
 PAGE = Path(__file__).parents[1] / "docs" / "elvis.1"
 HEAD = """.\\" made by tools/manual.py from the commands
@@ -55,7 +55,7 @@ def own_commands(context: click.Context) -> Iterator[click.Context]:
 
 def _own(name: str) -> bool:
     """Whether a command belongs to this distribution."""
-    from elvis.plugins.registry import plugins
+    from elvis.plugins.command.registry import plugins
 
     return plugins("elvis.commands")[name].distribution.startswith("elvis-viz ")
 

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any, get_args
 
 from elvis.scene import scene_schema
-from elvis.scene.convolution import Lic
-from elvis.scene.copies import Copies, Repeat, Turn
-from elvis.scene.objects import SceneObject, Transfer
-from elvis.scene.settings import Setting, choices, default_of, is_free, settings, type_words, types
-from elvis.scene.style import ColorBar, Contours, MeshLines, Style
-from elvis.scene.surfaces import Surface
-from elvis.scene.whole import Camera, Caption, Clip, Deform, Light, Reference, Scene
+from elvis.scene.model.convolution import Lic
+from elvis.scene.model.copies import Copies, Repeat, Turn
+from elvis.scene.model.objects import SceneObject, Transfer
+from elvis.scene.model.settings import Setting, choices, default_of, is_free, settings, type_words, types
+from elvis.scene.model.style import ColorBar, Contours, MeshLines, Style
+from elvis.scene.model.surfaces import Surface
+from elvis.scene.model.whole import Camera, Caption, Clip, Deform, Light, Reference, Scene
 
 DOCS = Path(__file__).parents[1] / "docs"
 #: titles of the page, and the models under each

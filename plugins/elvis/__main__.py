@@ -1,6 +1,6 @@
 """``python -m elvis`` is ``elvis``."""
 
-from elvis.plugins.command import main
+from elvis.plugins.command.command import main
 
 if __name__ == "__main__":
     main()

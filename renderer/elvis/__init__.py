@@ -16,7 +16,7 @@ import sys
 __path__ = list(dict.fromkeys([*__path__, *filter(os.path.isdir, (os.path.join(path, "elvis") for path in sys.path))]))
 
 from elvis import api
-from elvis.core.lazy import lazy_names
+from elvis.core.base.lazy import lazy_names
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:

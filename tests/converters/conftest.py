@@ -6,9 +6,9 @@ import pytest
 from click.testing import CliRunner
 
 from elvis.core.shapes import Shape
-from elvis.plugins.command import elvis as group
-from elvis.plugins.conversion import Converter, Elements, SourceField
-from elvis.plugins.discovery import Candidate
+from elvis.plugins.command.command import elvis as group
+from elvis.plugins.conversion.discovery import Candidate
+from elvis.plugins.conversion.plugin import Converter, Elements, SourceField
 from elvis.plugins.testing import positions_at, values_at, values_found
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "solvers"
@@ -132,7 +132,7 @@ class Moving(Converter):
 @pytest.fixture
 def squares(tmp_path, monkeypatch):
     """Write three steps of squares, which move or stand still, at times 0, 0.25 and 0.5; the pattern of their names."""
-    for name in ("series.finding", "data"):
+    for name in ("series.finding", "data.data"):
         monkeypatch.setattr(f"elvis.plugins.{name}.installed_converters", lambda: [Candidate("squares", Moving)])
 
     def written(moves):

@@ -10,8 +10,8 @@ from click.testing import CliRunner
 
 from elvis import Dataset, ElvisError, Shape, read, sample, with_quantity, write
 from elvis.core.testing import approximated, curved, grid, scattered
-from elvis.plugins.added_quantities import add_quantities
-from elvis.plugins.command import elvis
+from elvis.plugins.command.command import elvis
+from elvis.plugins.data.added_quantities import add_quantities
 
 FUNCTIONS = {
     "u": lambda x: x[:, 0] ** 2 + x[:, 1] * x[:, 0],

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from elvis import ElvisError, FormatError, render
-from elvis.converters.pyfr import PyFR
+from elvis.converters.pyfr.pyfr import PyFR
 from elvis.plugins import read
-from elvis.plugins.command import elvis as group
+from elvis.plugins.command.command import elvis as group
 
 FORMATS = {
     "cgns": ["cgns/gmsh_mixed_o2.cgns"],
@@ -72,7 +72,7 @@ def test_pictures_of_files_and_of_what_convert_writes_are_equal(name, solvers, e
 def test_a_picture_has_one_note(solvers, elvis, tmp_path):
     from click.testing import CliRunner
 
-    from elvis.plugins.command import elvis as group
+    from elvis.plugins.command.command import elvis as group
 
     options = [
         "--faces",
@@ -155,7 +155,7 @@ def test_the_report_of_a_conversion_is_a_table(solvers, elvis, elvis_json):
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", "[" * 100000, '{"geometry": 1}', '{"geometry": {"order": 1e999}}'])
 def test_a_text_that_is_not_a_report_is_printed_unchanged(text):
-    from elvis.plugins.report import RecordedReport
+    from elvis.plugins.conversion.report import RecordedReport
 
     assert RecordedReport.of({"ConversionReport": text}) is None
 
@@ -171,7 +171,7 @@ def test_native_files_are_unchanged(solvers, elvis, tmp_path):
 def test_a_converter_in_a_file(elvis_json, tmp_path):
     (tmp_path / "mine.py").write_text(
         "import numpy as np\nfrom elvis.core.shapes import Shape\n"
-        "from elvis.plugins.conversion import Converter, Elements\n\n\n"
+        "from elvis.plugins.conversion.plugin import Converter, Elements\n\n\n"
         "class Mine(Converter):\n"
         "    @classmethod\n    def opens(cls, paths):\n        return True\n\n"
         "    def __init__(self, paths):\n        self.blocks = [Elements(Shape.TETRAHEDRON, 1)]\n\n"

@@ -13,17 +13,17 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from elvis.converters import apart, copies
-from elvis.converters.apart import Apart, LibraryError, receive, send
-from elvis.converters.gmsh import Gmsh
-from elvis.converters.mfem import Mfem
-from elvis.converters.ngsolve import NGSolve
-from elvis.converters.vtk import Vtk
-from elvis.core.errors import ElvisError, FormatError
+from elvis.converters.gmsh.gmsh import Gmsh
+from elvis.converters.mfem.mfem import Mfem
+from elvis.converters.ngsolve.ngsolve import NGSolve
+from elvis.converters.shared import apart, copies
+from elvis.converters.shared.apart import Apart, LibraryError, receive, send
+from elvis.converters.vtk.vtk import Vtk
+from elvis.core.base.errors import ElvisError, FormatError
 
 WORKER = """
 import os, resource, signal, sys, time
-from elvis.core.errors import ElvisError, FormatError
+from elvis.core.base.errors import ElvisError, FormatError
 class Worker:
     def same(self, *given):
         return list(given)
@@ -173,9 +173,10 @@ def test_an_idle_origin_ends(worker, tmp_path):
     code = f"""
 import os, signal, sys, time
 sys.path.insert(0, {str(tmp_path)!r})
-from elvis.converters import copies
-from elvis.converters.apart import Apart
-copies._PROGRAM = copies._PROGRAM.replace("multiply(", "import elvis.converters.copies as c; c.IDLE = 0.2; multiply(")
+from elvis.converters.shared import copies
+from elvis.converters.shared.apart import Apart
+own = "import elvis.converters.shared.copies as c; c.IDLE = 0.2; multiply("
+copies._PROGRAM = copies._PROGRAM.replace("multiply(", own)
 with Apart({worker!r}, 0) as process:
     origin = process.ask("origin", size=0)
     time.sleep(0.6)
@@ -301,8 +302,8 @@ def test_closed_pipes_raise_exceptions_even_after_gmsh_has_started():
     pytest.importorskip("gmsh")
     code = """
 import gmsh
-from elvis.converters.apart import Apart, LibraryError
-apart = Apart("elvis.converters.gmsh_library:Library", 0)
+from elvis.converters.shared.apart import Apart, LibraryError
+apart = Apart("elvis.converters.gmsh.library:Library", 0)
 gmsh.initialize(["test"], readConfigFiles=False, interruptible=False)
 apart._process.kill()
 apart._process.wait()

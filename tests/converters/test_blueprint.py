@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from elvis import ElvisError, Session, from_mfem, render, sample
-from elvis.converters.blueprint import from_blueprint
+from elvis.converters.python.blueprint import from_blueprint
 
 mfem = pytest.importorskip("mfem.ser")
 

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from elvis import FormatError, write
-from elvis.converters.cgns import Cgns
-from elvis.converters.cgns_elements import element_type, nodes_of_type
-from elvis.converters.cgns_tree import opened
-from elvis.converters.unit import UNIT as UNIT_SHAPES
+from elvis.converters.cgns.cgns import Cgns
+from elvis.converters.cgns.elements import element_type, nodes_of_type
+from elvis.converters.cgns.tree import opened
+from elvis.converters.shared.unit import UNIT as UNIT_SHAPES
 from elvis.core.integrals import integrate
 from elvis.core.shapes import Shape
 from elvis.formats.strict import findings
-from elvis.plugins.converting import convert
-from elvis.plugins.nodal import native_points
+from elvis.plugins.conversion.converting import convert
+from elvis.plugins.conversion.nodal import native_points
 from elvis.plugins.testing import check, positions_at
 
 UNIT = [(0, 0), (1, 0), (0, 1)]

@@ -10,14 +10,14 @@ from cgns_blocks import SIDES, Block
 from cgns_writing import base, condition, conditions, grid, node, section, solution, structured, unstructured
 
 from elvis import FormatError
-from elvis.converters.cgns import Cgns
-from elvis.converters.cgns_elements import _TYPES, element_type
-from elvis.converters.cgns_solutions import pascal_powers, reference_corners
+from elvis.converters.cgns.cgns import Cgns
+from elvis.converters.cgns.elements import _TYPES, element_type
+from elvis.converters.cgns.solutions import pascal_powers, reference_corners
 from elvis.core.integrals import integrate
 from elvis.core.polynomials.quadrature import gauss, lobatto
 from elvis.core.shapes import Shape
-from elvis.plugins.converting import Settings, convert
-from elvis.plugins.nodal import tensor_nodes
+from elvis.plugins.conversion.converting import Settings, convert
+from elvis.plugins.conversion.nodal import tensor_nodes
 from elvis.plugins.testing import check, values_found
 
 HEXA_8, TETRA_4, PENTA_6, PYRA_5 = 17, 10, 14, 12

@@ -6,9 +6,9 @@ import pytest
 from cgns_reader import patches_by_vtk
 from cgns_writing import base, condition, conditions, grid, node, structured
 
-from elvis.converters.cgns import Cgns
+from elvis.converters.cgns.cgns import Cgns
 from elvis.core.integrals import integrate
-from elvis.plugins.converting import convert
+from elvis.plugins.conversion.converting import convert
 from elvis.plugins.testing import check, values_found
 
 SIZES = (3, 4, 5)

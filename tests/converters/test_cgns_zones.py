@@ -11,12 +11,12 @@ from cgns_reader import patches_by_vtk
 from cgns_writing import base, condition, conditions, section, unstructured
 
 from elvis import write
-from elvis.converters.cgns import Cgns
-from elvis.converters.cgns_elements import _TYPES, AMBIGUOUS
+from elvis.converters.cgns.cgns import Cgns
+from elvis.converters.cgns.elements import _TYPES, AMBIGUOUS
+from elvis.core.data.mesh import NON_CONFORMING
 from elvis.core.integrals import integrate
-from elvis.core.mesh import NON_CONFORMING
 from elvis.formats.strict import findings
-from elvis.plugins.converting import convert
+from elvis.plugins.conversion.converting import convert
 from elvis.plugins.testing import check, values_found
 
 #: of coordinates up to 2, by all that is added up

@@ -13,9 +13,9 @@ from elvis import ElvisError, FormatError, read
 from elvis.core.polynomials.quadrature import gll
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
-from elvis.plugins.discovery import Candidate, choose_converter, in_file, installed_converters
-from elvis.plugins.nodal import tensor_nodes
-from elvis.plugins.registry import PluginError
+from elvis.plugins.command.registry import PluginError
+from elvis.plugins.conversion.discovery import Candidate, choose_converter, in_file, installed_converters
+from elvis.plugins.conversion.nodal import tensor_nodes
 from elvis.plugins.testing import check, values_found
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -7,9 +7,9 @@ import shutil
 import pytest
 
 from elvis import ElvisError
-from elvis.plugins.converting import convert
-from elvis.plugins.discovery import choose_converter, installed_converters, with_defaults
-from elvis.plugins.report import Report
+from elvis.plugins.conversion.converting import convert
+from elvis.plugins.conversion.discovery import choose_converter, installed_converters, with_defaults
+from elvis.plugins.conversion.report import Report
 
 CASES = {
     "cgns": ["cgns/gmsh_mixed_o2.cgns"],

@@ -8,9 +8,9 @@ import pytest
 from cgns_writing import base, condition, conditions, grid, section, structured, unstructured, write_hdf5
 from small_files import NATIVE, SMALL_FILES
 
-from elvis.core.errors import FormatError
+from elvis.core.base.errors import FormatError
 from elvis.plugins import read
-from elvis.plugins.discovery import installed_converters
+from elvis.plugins.conversion.discovery import installed_converters
 
 #: formats that state a number of elements, and those that list sides by boundary
 ELEMENTS = ("elvisdat", "exodus", "gmf", "gmsh", "hopr", "mfem", "nek", "ngsolve", "pyfr", "vtk")

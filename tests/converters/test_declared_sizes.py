@@ -16,16 +16,16 @@ import numpy as np
 import pytest
 from neko_writer import add_virtual
 
-from elvis.converters import vtk_files
-from elvis.converters.cgns import Cgns
-from elvis.converters.exodus_files import Variables
-from elvis.converters.hdf5 import holds, reading, require
+from elvis.converters.cgns.cgns import Cgns
+from elvis.converters.exodus.files import Variables
 from elvis.converters.hopr import Hopr
-from elvis.converters.ngsolve import NGSolve
-from elvis.converters.pyfr import PyFR
-from elvis.converters.vtk import Vtk
-from elvis.converters.vtk_times import time_in
-from elvis.core.errors import FormatError
+from elvis.converters.ngsolve.ngsolve import NGSolve
+from elvis.converters.pyfr.pyfr import PyFR
+from elvis.converters.shared.hdf5 import holds, reading, require
+from elvis.converters.vtk import files as vtk_files
+from elvis.converters.vtk.times import time_in
+from elvis.converters.vtk.vtk import Vtk
+from elvis.core.base.errors import FormatError
 from elvis.core.files.archives import Archive
 
 MANY = 10**10
@@ -129,9 +129,9 @@ def test_a_link_to_a_pipe_is_not_opened(tmp_path):
 READ = """
 import sys
 from pathlib import Path
-from elvis.converters.exodus_files import Variables
-from elvis.converters.hdf5 import reading, require
-from elvis.core.errors import FormatError
+from elvis.converters.exodus.files import Variables
+from elvis.converters.shared.hdf5 import reading, require
+from elvis.core.base.errors import FormatError
 
 path = Path(sys.argv[1])
 Variables(path)

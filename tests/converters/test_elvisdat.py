@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from elvis.converters.elvisdat import ElVisDat
-from elvis.core.errors import FormatError
+from elvis.core.base.errors import FormatError
 from elvis.core.shapes import Shape
 from elvis.plugins.testing import check, positions_at, values_at, values_found
 

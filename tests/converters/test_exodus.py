@@ -10,13 +10,13 @@ from exodus_writer import ExodusBlock, cubes_in_blocks, unit_cubes, write_classi
 from scipy.io import netcdf_file
 
 from elvis import ElvisError, FormatError, integrate, read, write
-from elvis.converters.exodus import Exodus, _Functions, _functions_of
-from elvis.converters.exodus_files import SIDES, nodes_of
+from elvis.converters.exodus.exodus import Exodus, _Functions, _functions_of
+from elvis.converters.exodus.files import SIDES, nodes_of
 from elvis.core.shapes import Shape
 from elvis.formats.strict import findings
-from elvis.plugins.conversion import PyramidSpace
-from elvis.plugins.converting import Settings, convert
-from elvis.plugins.nodal import native_points
+from elvis.plugins.conversion.converting import Settings, convert
+from elvis.plugins.conversion.nodal import native_points
+from elvis.plugins.conversion.plugin import PyramidSpace
 from elvis.plugins.projection.frames import affine_between
 from elvis.plugins.testing import check, positions_at, values_found
 

@@ -8,20 +8,20 @@ import numpy as np
 import pytest
 
 from elvis import ElvisError, read, write
-from elvis.converters.exporting import exported
-from elvis.converters.gmsh import Gmsh
-from elvis.converters.gmsh_export import GmshTarget
-from elvis.converters.point_export import PointTarget
-from elvis.converters.tecplot_export import TecplotTarget
-from elvis.converters.vtk import Vtk
-from elvis.converters.vtk_export import VtkTarget
-from elvis.core.dataset import Dataset
-from elvis.core.patch import patches
+from elvis.converters.gmsh.export import GmshTarget
+from elvis.converters.gmsh.gmsh import Gmsh
+from elvis.converters.shared.exporting import exported
+from elvis.converters.tables.points import PointTarget
+from elvis.converters.tables.tecplot import TecplotTarget
+from elvis.converters.vtk.export import VtkTarget
+from elvis.converters.vtk.vtk import Vtk
+from elvis.core.data.dataset import Dataset
+from elvis.core.mapping.patch import patches
+from elvis.core.numbers.sampling import sample
 from elvis.core.polynomials.evaluation import evaluate
-from elvis.core.sampling import sample
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, scattered, shuffled
-from elvis.plugins.converting import convert
+from elvis.plugins.conversion.converting import convert
 
 #: the library's number of linear hexahedra
 VTK_HEXAHEDRON = 12

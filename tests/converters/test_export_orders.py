@@ -12,7 +12,7 @@ import pytest
 from elvis import integrate, read
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid, with_field
-from elvis.plugins.exporting import exporter
+from elvis.plugins.conversion.exporting import exporter
 
 SHAPES = [
     Shape.TRIANGLE,

@@ -25,13 +25,13 @@ from elvis import (
     sample,
     write,
 )
-from elvis.core.patch import patches
+from elvis.core.mapping.patch import patches
 from elvis.core.testing import approximated, curved, grid, mixed_plane, ripple
 from elvis.core.triangles import clipped, level_lines
 from elvis.core.triangles.curved_triangles import curved_triangles
 from elvis.core.triangles.outlines import open_sides
 from elvis.core.wall_curves.chains import places_by_number
-from elvis.plugins.boundary_data import convert_boundary
+from elvis.plugins.data.boundary_data import convert_boundary
 
 CENTRE, RADIUS = np.array([0.5, 0.5, 0.5]), 0.31
 SPHERE = "sphere:0.5,0.5,0.5:0.31"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from elvis import ElvisError, render, sample
-from elvis.plugins.data import Reading
+from elvis.plugins.data.data import Reading
 from elvis.plugins.series.following import Following, _stamp, files_of_run
 from elvis.plugins.testing.steps import polynomial, steps_of
 

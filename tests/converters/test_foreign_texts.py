@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from elvis import FormatError, integrate, read
-from elvis.converters.mfem_files import building_seconds
-from elvis.converters.mfem_pieces import _name
+from elvis.converters.mfem.files import building_seconds
+from elvis.converters.mfem.pieces import _name
 from elvis.plugins.testing import values_found
 
 #: a rectangle [0, 3] x [0, 2] of two quadrilaterals, its sides numbered 1 to 4
@@ -205,7 +205,7 @@ def test_elements_dropped_by_the_library_are_reported(tmp_path, monkeypatch):
     names = "\n".join(f"{i} default" for i in range(1, 5))
     (tmp_path / "m.vol").write_text(VOL.format(rows="\n".join(ROWS), names=names))
     (tmp_path / "p.mesh").write_text(PLAIN)
-    for path, counter in (("m.vol", "ngsolve_files._declared"), ("p.mesh", "mfem.declared_elements")):
+    for path, counter in (("m.vol", "ngsolve.files._declared"), ("p.mesh", "mfem.mfem.declared_elements")):
         monkeypatch.setattr(f"elvis.converters.{counter}", lambda *_: 7)
         with pytest.raises(FormatError, match="expected 7 elements, as the files declare, found"):
             read(tmp_path / path, cache=False)

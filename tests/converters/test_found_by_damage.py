@@ -11,19 +11,19 @@ import pytest
 from exodus_writer import ExodusBlock, cubes_in_blocks, unit_cubes, write_classic, write_hdf5
 from trixi_writer import Brick, write_solution
 
-from elvis.converters.cgns import Cgns
-from elvis.converters.exodus import Exodus
-from elvis.converters.gmf_files import KEYWORDS, GmfFile
-from elvis.converters.gmsh import Gmsh
-from elvis.converters.gmsh_binary import check
+from elvis.converters.cgns.cgns import Cgns
+from elvis.converters.exodus.exodus import Exodus
+from elvis.converters.gmf.files import KEYWORDS, GmfFile
+from elvis.converters.gmsh.binary import check
+from elvis.converters.gmsh.gmsh import Gmsh
 from elvis.converters.hopr import Hopr
-from elvis.converters.mfem import Mfem
-from elvis.converters.nek import Nek
-from elvis.converters.ngsolve import NGSolve
-from elvis.converters.pyfr import PyFR
-from elvis.converters.trixi import Trixi
+from elvis.converters.mfem.mfem import Mfem
+from elvis.converters.nek.nek import Nek
+from elvis.converters.ngsolve.ngsolve import NGSolve
+from elvis.converters.pyfr.pyfr import PyFR
+from elvis.converters.trixi.trixi import Trixi
+from elvis.core.base.errors import FormatError
 from elvis.core.distances.triangle_files import triangles_of
-from elvis.core.errors import FormatError
 from elvis.renderer.passes.solids.hits import triangles
 
 

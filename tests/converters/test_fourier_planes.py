@@ -8,18 +8,18 @@ import pytest
 from click.testing import CliRunner
 
 from elvis import Dataset, ElvisError, Shape, integrate, read, sample, write
-from elvis.converters.vtk_export import export_vtu
-from elvis.core.dataset import Field, Homogeneous
+from elvis.converters.vtk.export import export_vtu
+from elvis.core.data.dataset import Field, Homogeneous
 from elvis.core.polynomials.bases import Basis
 from elvis.core.quantities import Expression
 from elvis.core.quantities.evaluator import Sampler
 from elvis.core.testing import approximated, curved, grid, ripple
 from elvis.core.wall_curves import at_walls
-from elvis.plugins.added_quantities import add_quantities
-from elvis.plugins.command import elvis
-from elvis.plugins.fourier_planes import fourier_coefficients, fourier_mean
-from elvis.plugins.fourier_slabs import in_slabs
-from elvis.plugins.onto_waves import onto_any_mesh
+from elvis.plugins.command.command import elvis
+from elvis.plugins.data.added_quantities import add_quantities
+from elvis.plugins.fourier.onto_waves import onto_any_mesh
+from elvis.plugins.fourier.planes import fourier_coefficients, fourier_mean
+from elvis.plugins.fourier.slabs import in_slabs
 
 PERIOD = 2.5
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from elvis import Dataset, ElvisError, Shape, write
-from elvis.converters.exporting import exported
+from elvis.converters.shared.exporting import exported
 from elvis.core.files.columns import write_columns
 from elvis.core.files.nrrd import Grid, write_nrrd
 from elvis.core.testing import approximated, grid
@@ -40,16 +40,16 @@ def dataset():
 
 def write_vtu(dataset, path):
     pytest.importorskip("vtkmodules")
-    from elvis.converters.vtk_export import VtkTarget
-    from elvis.converters.vtk_export import write_vtu as write
+    from elvis.converters.vtk.export import VtkTarget
+    from elvis.converters.vtk.export import write_vtu as write
 
     write(path, exported(dataset, None, None, VtkTarget()), None)
 
 
 def write_msh(dataset, path):
     pytest.importorskip("gmsh")
-    from elvis.converters.gmsh_export import GmshTarget
-    from elvis.converters.gmsh_export import write_msh as write
+    from elvis.converters.gmsh.export import GmshTarget
+    from elvis.converters.gmsh.export import write_msh as write
 
     with GmshTarget() as target:
         write(path, exported(dataset, None, None, target), dataset.mesh, target, None)

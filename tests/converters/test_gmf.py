@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elvis.converters.gmf import Gmf
-from elvis.converters.gmf_files import ELEMENTS, KEYWORDS, section_name, solution_name
-from elvis.converters.gmf_nodes import Bernstein, lattice, unit_points
-from elvis.converters.unit import UNIT
-from elvis.core.errors import FormatError
+from elvis.converters.gmf.files import ELEMENTS, KEYWORDS, section_name, solution_name
+from elvis.converters.gmf.gmf import Gmf
+from elvis.converters.gmf.nodes import Bernstein, lattice, unit_points
+from elvis.converters.shared.unit import UNIT
+from elvis.core.base.errors import FormatError
 from elvis.core.shapes import Shape
-from elvis.plugins.converting import convert
-from elvis.plugins.nodal import native_points
+from elvis.plugins.conversion.converting import convert
+from elvis.plugins.conversion.nodal import native_points
 from elvis.plugins.testing import check, positions_at, values_at, values_found
 
 SHAPES = {

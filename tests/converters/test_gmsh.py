@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from archives import arrays_of
 
-from elvis.converters.gmsh import Gmsh
-from elvis.core.errors import ElvisError, FormatError
-from elvis.plugins.converting import convert
+from elvis.converters.gmsh.gmsh import Gmsh
+from elvis.core.base.errors import ElvisError, FormatError
+from elvis.plugins.conversion.converting import convert
 from elvis.plugins.testing import check, positions_at, values_at, values_found
 
 gmsh = pytest.importorskip("gmsh")

@@ -5,7 +5,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from elvis.converters.gmsh_census import census
+from elvis.converters.gmsh.census import census
 
 #: nodes of types
 WIDTHS = {1: 2, 2: 3, 4: 4, 5: 8, 8: 3, 9: 6, 15: 1}

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from elvis import FormatError, integrate, read
-from elvis.converters.gmsh import Gmsh
-from elvis.converters.gmsh_joining import joined
-from elvis.converters.gmsh_mesh import Group, Mesh
+from elvis.converters.gmsh.gmsh import Gmsh
+from elvis.converters.gmsh.joining import joined
+from elvis.converters.gmsh.mesh import Group, Mesh
 from elvis.core.shapes import Shape
 
 gmsh = pytest.importorskip("gmsh")

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from elvis import Dataset, ElvisError, read, sample, to_meshio, to_pyvista, to_xarray
-from elvis.converters.linear import _weights, linear_cells
-from elvis.core.cutting import template
+from elvis.converters.shared.linear import _weights, linear_cells
+from elvis.core.mapping.cutting import template
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, one_element, ripple
 

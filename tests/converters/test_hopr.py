@@ -9,8 +9,8 @@ from small_files import hopr as small_hopr
 
 from elvis import FormatError, integrate
 from elvis.converters.hopr import Hopr
-from elvis.core.mesh import NON_CONFORMING, PERIODIC
-from elvis.plugins.converting import convert
+from elvis.core.data.mesh import NON_CONFORMING, PERIODIC
+from elvis.plugins.conversion.converting import convert
 from elvis.plugins.testing import check, values_found
 
 NAMES = ("Density", "MomentumX", "MomentumY", "MomentumZ", "EnergyStagnationDensity")

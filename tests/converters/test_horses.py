@@ -7,9 +7,9 @@ import pytest
 from horses_writer import FLOW, NONE, boxes, nodes_of, write_horses, write_zones
 
 from elvis import FormatError
-from elvis.converters.horses import Horses
+from elvis.converters.horses.horses import Horses
 from elvis.core.integrals import integrate
-from elvis.plugins.converting import convert
+from elvis.plugins.conversion.converting import convert
 from elvis.plugins.testing import check
 
 NEAR = 1e-12

@@ -10,13 +10,13 @@ from click.testing import CliRunner
 from exodus_writer import ExodusBlock, unit_cubes, write_classic
 
 from elvis import from_arrays, integrate, read, trace, vortex_cores
+from elvis.core.data.mesh import NON_CONFORMING
 from elvis.core.interfaces import hanging
 from elvis.core.interfaces.feet import feet
 from elvis.core.interfaces.interface_composites import with_interfaces
 from elvis.core.interfaces.side_groups import side_set
-from elvis.core.mesh import NON_CONFORMING
 from elvis.core.shapes import Shape
-from elvis.plugins.command import elvis as group
+from elvis.plugins.command.command import elvis as group
 from elvis.plugins.faces.dataset_faces import native_faces
 
 UNIT = np.array(list(itertools.product((0.0, 1.0), repeat=3)))[:, ::-1]

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from elvis import ElvisError, from_arrays, from_mfem, from_ngsolve, sample
-from elvis.converters.live import live_data
+from elvis.converters.python.live import live_data
 from elvis.core.polynomials.quadrature import lobatto
 from elvis.core.shapes import Shape
-from elvis.plugins.nodal import tensor_nodes
+from elvis.plugins.conversion.nodal import tensor_nodes
 
 
 @pytest.fixture(scope="module")

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from elvis import from_ngsolve, integrate, read, sample, write
-from elvis.converters.ngsolve_export import export
-from elvis.core.conversion_errors import ConversionErrors
-from elvis.core.norms import quantity_norms
+from elvis.converters.ngsolve.export import export
+from elvis.core.bounds.bounding import quantity_range
+from elvis.core.bounds.quantity_extrema import quantity_extrema
+from elvis.core.data.conversion_errors import ConversionErrors
+from elvis.core.numbers.norms import quantity_norms
 from elvis.core.quantities import Expression
-from elvis.core.quantities.bounding import quantity_range
-from elvis.core.quantity_extrema import quantity_extrema
-from elvis.plugins.command import main
+from elvis.plugins.command.command import main
 
 
 @pytest.fixture(scope="module")

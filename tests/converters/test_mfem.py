@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from elvis import read, sample
-from elvis.converters.mfem import Mfem, _numbered
-from elvis.core.errors import FormatError
+from elvis.converters.mfem.mfem import Mfem, _numbered
+from elvis.core.base.errors import FormatError
 from elvis.core.integrals import integrate
-from elvis.plugins.converting import Settings, convert
+from elvis.plugins.conversion.converting import Settings, convert
 from elvis.plugins.testing import check, positions_at, values_at, values_found
 
 mfem = pytest.importorskip("mfem.ser")

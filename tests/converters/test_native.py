@@ -9,15 +9,15 @@ import pytest
 
 from elvis import Basis, ElvisError, Shape, read, write
 from elvis.converters.native import Native
-from elvis.core.dataset import Block, Dataset, Expansion, Field, Homogeneous
-from elvis.core.norms import norms
+from elvis.core.data.dataset import Block, Dataset, Expansion, Field, Homogeneous
+from elvis.core.numbers.norms import norms
+from elvis.core.numbers.sampling import sample
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.evaluation import evaluate
-from elvis.core.sampling import sample
 from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, shuffled
 from elvis.formats.strict import findings
-from elvis.plugins.conversion import PyramidSpace
-from elvis.plugins.converting import Settings, convert
+from elvis.plugins.conversion.converting import Settings, convert
+from elvis.plugins.conversion.plugin import PyramidSpace
 from elvis.plugins.testing import check
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "nektar"

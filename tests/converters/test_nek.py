@@ -7,11 +7,11 @@ import pytest
 from archives import arrays_of
 
 from elvis import integrate, open_series
-from elvis.converters.nek import Nek
-from elvis.core.errors import ElvisError, FormatError
-from elvis.core.mesh import PERIODIC
+from elvis.converters.nek.nek import Nek
+from elvis.core.base.errors import ElvisError, FormatError
+from elvis.core.data.mesh import PERIODIC
 from elvis.core.polynomials.quadrature import lobatto
-from elvis.plugins.converting import convert
+from elvis.plugins.conversion.converting import convert
 from elvis.plugins.testing import check, positions_at, values_at, values_found
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "solvers" / "nek5000"

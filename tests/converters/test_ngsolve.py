@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from elvis import from_ngsolve, sample
-from elvis.converters.ngsolve import NGSolve
-from elvis.converters.ngsolve_export import _rule, export
-from elvis.converters.unit import UNIT
-from elvis.core.errors import ElvisError, FormatError
+from elvis.converters.ngsolve.export import _rule, export
+from elvis.converters.ngsolve.ngsolve import NGSolve
+from elvis.converters.shared.unit import UNIT
+from elvis.core.base.errors import ElvisError, FormatError
 from elvis.core.integrals import integrate
 from elvis.core.shapes import Shape
-from elvis.plugins.conversion import PyramidSpace
-from elvis.plugins.converting import convert
-from elvis.plugins.nodal import NodalBasis, native_points
+from elvis.plugins.conversion.converting import convert
+from elvis.plugins.conversion.nodal import NodalBasis, native_points
+from elvis.plugins.conversion.plugin import PyramidSpace
 from elvis.plugins.projection.checking import check_points
 from elvis.plugins.testing import check, values_found
 

@@ -10,8 +10,8 @@ from elvis import Dataset, ElvisError, Shape, integrate, onto_mesh, read, sample
 from elvis.core.polynomials.cubature import COLLAPSE
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.testing import approximated, curved, grid
-from elvis.plugins.element_projection import _Rules
-from elvis.plugins.onto_mesh import report_of_transfer
+from elvis.plugins.transfers.element_projection import _Rules
+from elvis.plugins.transfers.onto_mesh import report_of_transfer
 
 FUNCTIONS = {"u": lambda x: x[:, 0] ** 2 + x[:, 1], "p": lambda x: 1.5 + x[:, 0] * x[:, 1]}
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from elvis import ElvisError, open_series, pathlines, streaklines, write
-from elvis.core.dataset import Dataset
+from elvis.core.data.dataset import Dataset
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple
 

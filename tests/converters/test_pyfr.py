@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from elvis import Basis, ElvisError, FormatError, Shape
-from elvis.converters import pyfr_old
-from elvis.converters.pyfr import _KINDS, PyFR
-from elvis.plugins.converting import convert
-from elvis.plugins.nodal import native_points, space_size, space_values
+from elvis.converters.pyfr import old as pyfr_old
+from elvis.converters.pyfr.pyfr import _KINDS, PyFR
+from elvis.plugins.conversion.converting import convert
+from elvis.plugins.conversion.nodal import native_points, space_size, space_values
 from elvis.plugins.testing import check
 
 NAMES = ("rho", "rhou", "rhov", "rhow", "E")

@@ -6,10 +6,10 @@ import h5py
 import numpy as np
 import pytest
 
-from elvis.converters.vtk import Vtk
-from elvis.core.errors import ElvisError, FormatError
+from elvis.converters.vtk.vtk import Vtk
+from elvis.core.base.errors import ElvisError, FormatError
 from elvis.formats.reading import read
-from elvis.plugins.discovery import choose_converter, installed_converters
+from elvis.plugins.conversion.discovery import choose_converter, installed_converters
 
 
 def legacy(kind):

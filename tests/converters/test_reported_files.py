@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from elvis import FormatError, integrate, open_series, read, sample, trace
-from elvis.plugins.command import elvis as group
+from elvis.plugins.command.command import elvis as group
 
 #: an accuracy of closed forms in floating-point numbers
 ROUNDING = 1e-12

@@ -12,11 +12,11 @@ import pytest
 from small_files import SMALL_FILES, sections
 
 from elvis import integrate, write
-from elvis.core.mesh import PERIODIC
+from elvis.core.data.mesh import PERIODIC
 from elvis.core.shapes import Shape
 from elvis.plugins import read
-from elvis.plugins.exporting import exporter
-from elvis.plugins.report import CONVERTED, REPORT
+from elvis.plugins.conversion.exporting import exporter
+from elvis.plugins.conversion.report import CONVERTED, REPORT
 
 NATIVE_FORMS = ("compressed", "text", "hdf5")
 #: names of regions that only tell shapes apart

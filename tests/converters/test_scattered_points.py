@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from elvis import Dataset, ElvisError, Shape, read, sample, write
-from elvis.core.queries import points_in_table, values_in_table
+from elvis.core.numbers.queries import points_in_table, values_in_table
 from elvis.core.testing import curved, grid, scattered
-from elvis.plugins.scattered_points import points_onto_mesh
+from elvis.plugins.transfers.scattered_points import points_onto_mesh
 
 LINEAR = {Shape.SEGMENT: lambda x: 2 - 3 * x[:, 0], Shape.TRIANGLE: lambda x: 1 + 2 * x[:, 0] - x[:, 1]}
 LINEAR[Shape.TETRAHEDRON] = lambda x: 1 + 2 * x[:, 0] - x[:, 1] + 0.5 * x[:, 2]

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from elvis import Dataset, ElvisError, FormatError, open_series, read, sample, write
-from elvis.core.geometry import geometry
+from elvis.core.mapping.geometry import geometry
 from elvis.core.shapes import Shape
 from elvis.core.testing.fields import approximated
 from elvis.core.testing.meshes import grid, mixed_plane
 from elvis.formats.field_heads import field_head
-from elvis.plugins.data import Reading
+from elvis.plugins.data.data import Reading
 from elvis.plugins.series.series import series_in
 from elvis.plugins.testing.steps import polynomial, steps_of, waves
 

@@ -5,8 +5,8 @@ import pytest
 from click import UsageError
 
 from elvis import ElvisError, open_series, read, render, sample
-from elvis.core.dataset import Dataset
-from elvis.core.moments import Moment
+from elvis.core.data.dataset import Dataset
+from elvis.core.data.moments import Moment
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, grid
 from elvis.plugins.series.between import sum_of, weights, window

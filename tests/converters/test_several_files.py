@@ -5,8 +5,8 @@ import pytest
 from exodus_writer import ExodusBlock, unit_cubes, write_classic, write_hdf5
 
 from elvis import FormatError, integrate, open_series, read
-from elvis.core.moments import Moment
-from elvis.plugins.data import Reading
+from elvis.core.data.moments import Moment
+from elvis.plugins.data.data import Reading
 from elvis.plugins.series.finding import find_steps
 from elvis.plugins.testing import values_found
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from elvis import open_series, read, sample
-from elvis.converters.ngsolve_export import export
+from elvis.converters.ngsolve.export import export
 from elvis.plugins.testing.steps import agree
 
 STEPS = (0.0, 0.01, 0.03, 0.06, 0.1)

@@ -7,12 +7,12 @@ import pytest
 from click.testing import CliRunner
 
 from elvis import Dataset, ElvisError, open_series, read, sample, write
-from elvis.core.dataset import Homogeneous
+from elvis.core.data.dataset import Homogeneous
 from elvis.core.polynomials.bases import Basis
 from elvis.core.shapes import Shape
 from elvis.core.testing.fields import approximated
 from elvis.core.testing.meshes import grid, mixed_plane, mixed_volume
-from elvis.plugins.command import elvis as group
+from elvis.plugins.command.command import elvis as group
 from elvis.plugins.series.series import Series
 from elvis.plugins.series.statistics import average
 from elvis.plugins.testing.steps import polynomial, steps_of

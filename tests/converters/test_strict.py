@@ -10,8 +10,8 @@ import pytest
 from elvis import write
 from elvis.core.shapes import Shape
 from elvis.formats.strict import findings
-from elvis.plugins.converting import convert
-from elvis.plugins.discovery import choose_converter, installed_converters, with_defaults
+from elvis.plugins.conversion.converting import convert
+from elvis.plugins.conversion.discovery import choose_converter, installed_converters, with_defaults
 
 #: cases of shared data by converter; those of `MADE` are made here
 CASES = [

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from elvis import FormatError, open_series, read
-from elvis.converters.mfem_files import read_root
-from elvis.converters.vtk_times import time_in
-from elvis.core.moments import Moment
-from elvis.plugins.data import Reading
+from elvis.converters.mfem.files import read_root
+from elvis.converters.vtk.times import time_in
+from elvis.core.data.moments import Moment
+from elvis.plugins.data.data import Reading
 from elvis.plugins.series.finding import find_steps
 
 vtk = pytest.importorskip("vtkmodules.all")
@@ -90,7 +90,9 @@ def test_files_without_an_index_state_their_times(tmp_path, monkeypatch):
     times = [0.25, 0.5, 1.5]
     for number, time in enumerate(times):
         written(tmp_path / f"flow_{number}.vtu", square(time))
-    monkeypatch.setattr("elvis.plugins.data.state_of", lambda *_: pytest.fail("a file was read whole for its time"))
+    monkeypatch.setattr(
+        "elvis.plugins.data.data.state_of", lambda *_: pytest.fail("a file was read whole for its time")
+    )
     series = open_series(tmp_path / "flow_*.vtu")
     assert series.times.tolist() == times
     # different times make them steps, not parts of one state, though no step is requested

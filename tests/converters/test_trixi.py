@@ -14,12 +14,12 @@ from trixi_writer import (
 )
 
 from elvis import FormatError
-from elvis.converters.julia import definitions, evaluated
-from elvis.converters.trixi import Trixi
+from elvis.converters.trixi.julia import definitions, evaluated
+from elvis.converters.trixi.trixi import Trixi
+from elvis.core.data.mesh import NON_CONFORMING, PERIODIC
 from elvis.core.integrals import integrate
-from elvis.core.mesh import NON_CONFORMING, PERIODIC
-from elvis.core.summary import summary
-from elvis.plugins.converting import convert
+from elvis.core.summary.summary import summary
+from elvis.plugins.conversion.converting import convert
 from elvis.plugins.testing import check
 
 FUNCTIONS = {"u": lambda x: x[..., 0] * x[..., -1] + 1, "v": lambda x: 2 * x[..., 0] - x[..., -1]}

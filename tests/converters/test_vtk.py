@@ -9,14 +9,14 @@ from archives import arrays_of
 from vtk_writer import NODES, cube, grid, linear, one, write
 
 from elvis import integrate, open_series, read, sample
-from elvis.converters.vtk import Vtk
-from elvis.converters.vtk_cells import BEZIER, FIXED, LAGRANGE, Cell, Kind, _instance
-from elvis.converters.vtk_functions import moved
-from elvis.core.errors import ElvisError, FormatError
+from elvis.converters.vtk.cells import BEZIER, FIXED, LAGRANGE, Cell, Kind, _instance
+from elvis.converters.vtk.functions import moved
+from elvis.converters.vtk.vtk import Vtk
+from elvis.core.base.errors import ElvisError, FormatError
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.quadrature import gauss, lobatto
 from elvis.core.shapes import Shape
-from elvis.plugins.converting import convert
+from elvis.plugins.conversion.converting import convert
 from elvis.plugins.testing import check, positions_at, values_at, values_found
 
 pytest.importorskip("vtk")

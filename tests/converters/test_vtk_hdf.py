@@ -9,10 +9,10 @@ import pytest
 from neko_writer import write_neko
 
 from elvis import ElvisError, FormatError, open_series, read, sample
-from elvis.converters.vtk import Vtk
-from elvis.converters.vtk_hdf import is_vtkhdf, read_vtkhdf
+from elvis.converters.vtk.hdf import is_vtkhdf, read_vtkhdf
+from elvis.converters.vtk.vtk import Vtk
 from elvis.core.integrals import integrate
-from elvis.plugins.converting import convert
+from elvis.plugins.conversion.converting import convert
 from elvis.plugins.testing import check
 
 hdf = pytest.importorskip("vtkmodules.vtkIOHDF")

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from elvis.converters.vtk import Vtk
-from elvis.converters.vtk_cells import Cell, Kind
-from elvis.converters.vtk_numbering import third_face
-from elvis.core.errors import FormatError
+from elvis.converters.vtk.cells import Cell, Kind
+from elvis.converters.vtk.numbering import third_face
+from elvis.converters.vtk.vtk import Vtk
+from elvis.core.base.errors import FormatError
 from elvis.plugins.testing import check, positions_at
 
 pytest.importorskip("vtk")

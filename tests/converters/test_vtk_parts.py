@@ -5,11 +5,11 @@ import pytest
 from vtk_writer import cube, grid, linear, one, write
 
 from elvis import integrate, read
-from elvis.converters.vtk import Vtk
-from elvis.converters.vtk_cells import Cell, Kind
-from elvis.converters.vtk_numbering import upright
+from elvis.converters.vtk.cells import Cell, Kind
+from elvis.converters.vtk.numbering import upright
+from elvis.converters.vtk.vtk import Vtk
 from elvis.core.shapes import Shape
-from elvis.plugins.converting import convert
+from elvis.plugins.conversion.converting import convert
 from elvis.plugins.testing import values_found
 
 pytest.importorskip("vtk")

@@ -8,9 +8,9 @@ pytest.importorskip("adios2")
 from vtx_writer import schema_of, vtx_blocks, vtx_nodes, write_vtx
 
 from elvis import FormatError
-from elvis.converters.vtx import Vtx, grid_of
+from elvis.converters.vtx.vtx import Vtx, grid_of
 from elvis.core.integrals import integrate
-from elvis.plugins.converting import convert
+from elvis.plugins.conversion.converting import convert
 from elvis.plugins.testing import check
 
 NEAR = 1e-12

@@ -6,7 +6,7 @@ from click.testing import CliRunner
 
 from elvis import Dataset, Shape, from_arrays, read, write
 from elvis.core.testing import approximated, grid
-from elvis.plugins.command import elvis
+from elvis.plugins.command.command import elvis
 
 #: of u = c (1 + x) y at each step; the viscosity
 FACTORS, MU = (1.0, -0.5, 2.0, -1.0), 0.25

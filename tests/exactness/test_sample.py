@@ -11,9 +11,9 @@ from audit.validating import Count
 from audit.worlds import margins
 
 from elvis import Scene, Status
-from elvis.core.sampling import sample
-from elvis.scene.frame import Drawing, Frame
-from elvis.scene.view import View
+from elvis.core.numbers.sampling import sample
+from elvis.scene.cameras.view import View
+from elvis.scene.record.frame import Drawing, Frame
 
 SEED = 1
 #: families, and cases of theirs whose kernels other tests need as well

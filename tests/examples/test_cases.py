@@ -11,9 +11,9 @@ import pytest
 
 from elvis import read
 from elvis.core.distances import nearest, surface_of
-from elvis.core.geometry import geometry
+from elvis.core.mapping.geometry import geometry
+from elvis.core.mapping.patch import patches
 from elvis.core.mapping.pointwise import determinants, positions, values
-from elvis.core.patch import patches
 from elvis.core.testing.meshes import scattered
 from elvis.core.validity.validity import ValidityStatus, validity
 

@@ -22,7 +22,7 @@ OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 @pytest.fixture(scope="module")
 def samples(tmp_path_factory):
     """A folder with the samples that the examples read."""
-    from elvis.plugins.command import elvis as group
+    from elvis.plugins.command.command import elvis as group
 
     folder = tmp_path_factory.mktemp("samples")
     for name in ("wing", "wave"):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from elvis import read, render
-from elvis.scene.files import read_scene
+from elvis.scene.model.files import read_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENES = sorted((ROOT / "examples" / "scenes").glob("*.toml"))

@@ -6,7 +6,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from elvis.core.errors import FormatError
+from elvis.core.base.errors import FormatError
 from elvis.core.files.archives import Archive, names_in
 
 

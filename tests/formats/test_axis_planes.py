@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from elvis import integrate
-from elvis.core.axis_planes import box_of, is_across_axis, needs_box, point_and_normal, with_normals
-from elvis.core.dataset import Dataset
+from elvis.core.data.axis_planes import box_of, is_across_axis, needs_box, point_and_normal, with_normals
+from elvis.core.data.dataset import Dataset
 from elvis.core.integrals import comes_apart
 from elvis.core.mapping.locate import Locator
-from elvis.core.patch import patches
+from elvis.core.mapping.patch import patches
 from elvis.core.portions import portions
 from elvis.core.shapes import Shape
 from elvis.core.streamlines.seeds import SeedPlaces, seed_points

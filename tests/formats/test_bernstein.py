@@ -7,8 +7,8 @@ from math import comb, factorial
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Expansion, Homogeneous
-from elvis.core.errors import ElvisError, FormatError
+from elvis.core.base.errors import ElvisError, FormatError
+from elvis.core.data.dataset import Expansion, Homogeneous
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.bernstein import (
     BernsteinSpace,

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from elvis.core import bounded_cache
+from elvis.core.base import bounded_cache
 from elvis.core.polynomials import boxnets
 from elvis.core.polynomials.bernstein import BernsteinSpace
 from elvis.core.shapes import Shape

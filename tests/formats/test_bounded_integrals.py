@@ -8,16 +8,16 @@ from math import asinh, atan, erf, pi, prod, sqrt
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
 from elvis.core.integrals import ERROR, analytic_error, integrate
 from elvis.core.integrals.box_discs import RHOS, _growths
 from elvis.core.integrals.eta_boxes import EtaBoxes, lattice_counts
 from elvis.core.integrals.reference_cells import Piece, box_rule
 from elvis.core.integrals.tree_discs import divided
-from elvis.core.patch import patches
+from elvis.core.mapping.patch import patches
 from elvis.core.polynomials.quadrature import gauss
-from elvis.core.quantities.element_points import ElementPoints
+from elvis.core.quantities.elements.points import ElementPoints
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple, with_field
 

@@ -9,34 +9,36 @@ import numpy as np
 import pytest
 from claims import ATTAINED, TEETH, check
 
-from elvis.core.cores import core_graphs
-from elvis.core.cores.core_boxes import Boxes as CoreBoxes
-from elvis.core.cores.core_graphs import Graphs, by_eigenvalue
+from elvis.core.bounds import bounding
+from elvis.core.bounds.extrema import Nets
+from elvis.core.bounds.ranges import Range
+from elvis.core.cores import graphs as core_graphs
+from elvis.core.cores.boxes import Boxes as CoreBoxes
+from elvis.core.cores.graphs import Graphs, by_eigenvalue
 from elvis.core.cores.matrix_ranges import Eigenvalue, MatrixRange
-from elvis.core.dataset import Dataset
+from elvis.core.data.dataset import Dataset
 from elvis.core.differences import diff
 from elvis.core.differences.compositions import Composition
 from elvis.core.distances.sides import _gaps
-from elvis.core.extrema import Nets
-from elvis.core.integrals import along_curves, integrate, level_error
+from elvis.core.integrals import along_curves, integrate
 from elvis.core.integrals.box_discs import BoxDiscs
-from elvis.core.integrals.level_discs import LevelDiscs
+from elvis.core.integrals.levels import error as level_error
+from elvis.core.integrals.levels.discs import LevelDiscs
 from elvis.core.integrals.touching import _bounds, _shares
 from elvis.core.mapping.boxes import ROUNDINGS, outward
 from elvis.core.mapping.enclosure import hulls
 from elvis.core.mapping.inverse import Status, invert
 from elvis.core.mapping.margins import TOLERANCE
+from elvis.core.mapping.patch import patches
 from elvis.core.mapping.pointwise import positions
-from elvis.core.patch import patches
 from elvis.core.polynomials.bernstein import bernstein_coefficients, to_bernstein
 from elvis.core.polynomials.boxnets import difference, on_lattice
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.polynomials.net_zeros import values_of
 from elvis.core.polynomials.rounding import coefficient_rounding, gamma
-from elvis.core.quantities import Expression, bounding, intervals
+from elvis.core.quantities import Expression, intervals
 from elvis.core.quantities.cells import Cells
 from elvis.core.quantities.evaluator import _sized
-from elvis.core.ranges import Range
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, with_field
 from elvis.core.validity import squares

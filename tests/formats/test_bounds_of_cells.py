@@ -5,16 +5,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
 from elvis.core.integrals import integrate, reference_cells
-from elvis.core.integrals.level_boxes import _DOUBTFUL, _LEAST_SIDE, LevelBoxes
+from elvis.core.integrals.levels.boxes import _DOUBTFUL, _LEAST_SIDE, LevelBoxes
 from elvis.core.integrals.reference_cells import Piece, _has_constant_slopes
 from elvis.core.integrals.targets import Places
 from elvis.core.mapping import enclosure
 from elvis.core.mapping.enclosure import _Cells, _cut, _halves, _Search, _shared
 from elvis.core.mapping.locate import Locator, Status
-from elvis.core.patch import patches
+from elvis.core.mapping.patch import patches
 from elvis.core.polynomials.bernstein import line_tables
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from claims import TEETH, check
 
+from elvis.core.bounds.extrema import Extremum
 from elvis.core.differences import bent_pairs, compositions, convergence, difference, greatest, overlaps, prepared
 from elvis.core.differences.compositions import Composition, PairBoxes, _crossing, _field_roundings, growth
-from elvis.core.extrema import Extremum
 from elvis.core.mapping.margins import heights
-from elvis.core.patch import patches
+from elvis.core.mapping.patch import patches
 from elvis.core.polynomials.bernstein import (
     BernsteinSpace,
     bernstein_coefficients,

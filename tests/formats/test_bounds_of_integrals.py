@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from claims import TEETH, check
 
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
 from elvis.core.integrals import (
     analytic_error,
     box_discs,
@@ -20,7 +20,6 @@ from elvis.core.integrals import (
     graphs,
     groups,
     integration,
-    level_error,
     refinement,
     taylor,
     tree_discs,
@@ -33,7 +32,8 @@ from elvis.core.integrals.eta_boxes import EtaBoxes
 from elvis.core.integrals.graph_discs import root_radii
 from elvis.core.integrals.groups import Sums
 from elvis.core.integrals.integration import Integral
-from elvis.core.integrals.level_boxes import LevelBoxes
+from elvis.core.integrals.levels import error as level_error
+from elvis.core.integrals.levels.boxes import LevelBoxes
 from elvis.core.integrals.quadrics import quadric
 from elvis.core.integrals.reference_cells import box_rule
 from elvis.core.integrals.refinement import Summation

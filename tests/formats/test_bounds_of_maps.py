@@ -9,21 +9,21 @@ import pytest
 from claims import TEETH, check
 from numpy.polynomial.chebyshev import chebvander
 
-from elvis.core.cores import core_turning
-from elvis.core.cores.core_boxes import Boxes as CoreBoxes
-from elvis.core.cores.core_boxes import _without_walls
-from elvis.core.cores.core_graphs import by_rotation
+from elvis.core.cores import turning as core_turning
+from elvis.core.cores.boxes import Boxes as CoreBoxes
+from elvis.core.cores.boxes import _without_walls
+from elvis.core.cores.graphs import by_rotation
 from elvis.core.cores.matrix_ranges import Eigenvalue, MatrixRange
 from elvis.core.cores.outer_sides import OuterSides
 from elvis.core.cores.parallel import ParallelVectors, rotations
-from elvis.core.dataset import Dataset
-from elvis.core.geometry import geometry
+from elvis.core.data.dataset import Dataset
 from elvis.core.integrals.subcells import subcell_map
 from elvis.core.mapping import enclosure, pointwise
 from elvis.core.mapping.enclosure import _Cells, _contracted, _root_bounds
+from elvis.core.mapping.geometry import geometry
 from elvis.core.mapping.margins import facets, heights
 from elvis.core.mapping.newton import heights_rounding
-from elvis.core.patch import patches
+from elvis.core.mapping.patch import patches
 from elvis.core.polynomials.bernstein import BernsteinSpace
 from elvis.core.polynomials.boxnets import on_lattice
 from elvis.core.polynomials.evaluation import evaluate_with_gradients
@@ -32,7 +32,7 @@ from elvis.core.polynomials.expansion import values as mode_values
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.polynomials.net_zeros import values_of
 from elvis.core.polynomials.rounding import halving_roundings, raising_roundings, value_roundings
-from elvis.core.quantities.element_points import ElementPoints
+from elvis.core.quantities.elements.points import ElementPoints
 from elvis.core.shapes import Shape
 from elvis.core.streamlines import first_steps
 from elvis.core.testing import approximated, curved, grid, ripple

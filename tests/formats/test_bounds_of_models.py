@@ -8,11 +8,11 @@ import pytest
 from claims import TEETH, check
 from numpy.polynomial import Chebyshev, chebyshev
 
+from elvis.core.bounds.extrema import Extremum
 from elvis.core.chebyshev_models import expression_models, model, series
 from elvis.core.chebyshev_models.model import ChebyshevModel, leibniz
 from elvis.core.chebyshev_models.series import ORDERS, REACH, ROOM, amplification, growth, nodes, steepness
 from elvis.core.differences import difference
-from elvis.core.extrema import Extremum
 from elvis.core.integrals.graph_discs import _height
 from elvis.core.integrals.groups import BoxIntegrals, Compared
 from elvis.core.polynomials.collapse import uncollapse

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from claims import TEETH, check
 
-from elvis.core.dataset import Dataset
+from elvis.core.data.dataset import Dataset
 from elvis.core.differences import overlaps
 from elvis.core.differences.bent_pairs import _limits
 from elvis.core.differences.compositions import PairBoxes

@@ -5,12 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Dataset
+from elvis.core.data.dataset import Dataset
 from elvis.core.differences import overlaps
 from elvis.core.integrals import coincident
 from elvis.core.mapping.enclosure import _whole_elements
 from elvis.core.mapping.newton import Targets
-from elvis.core.patch import patches
+from elvis.core.mapping.patch import patches
 from elvis.core.quantities import intervals
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from elvis.core.bounds import bounding
+from elvis.core.bounds.ranges import Range
 from elvis.core.cores.matrix_ranges import Eigenvalue, MatrixRange
-from elvis.core.dataset import Dataset
+from elvis.core.data.dataset import Dataset
 from elvis.core.integrals import cut_expansions
 from elvis.core.integrals.cut_expansions import Expansion
 from elvis.core.integrals.taylor import BENDS
@@ -15,10 +17,9 @@ from elvis.core.mapping.boxes import ROUNDINGS
 from elvis.core.mapping.inverse import _Elements
 from elvis.core.mapping.margins import TOLERANCE
 from elvis.core.mapping.newton import Targets, newton
-from elvis.core.patch import patches
+from elvis.core.mapping.patch import patches
 from elvis.core.polynomials.chebyshev_nodes import series
-from elvis.core.quantities import Expression, bounding
-from elvis.core.ranges import Range
+from elvis.core.quantities import Expression
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid
 from elvis.core.validity import enclosed_determinants, largest_scale, regularity, validity

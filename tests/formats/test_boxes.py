@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Dataset
-from elvis.core.geometry import parts
+from elvis.core.data.dataset import Dataset
+from elvis.core.data.mesh import Curves
 from elvis.core.mapping.boxes import BoxTree, element_boxes
+from elvis.core.mapping.geometry import parts
+from elvis.core.mapping.patch import patches
 from elvis.core.mapping.pointwise import positions
 from elvis.core.mapping.wide_boxes import vertex_boxes, wide_boxes
-from elvis.core.mesh import Curves
-from elvis.core.patch import patches
 from elvis.core.polynomials.bernstein import bernstein_coefficients
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.shapes import Shape

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.core.arrays import frozen_ints
-from elvis.core.dataset import Dataset
-from elvis.core.errors import FormatError
-from elvis.core.geometry import geometry
+from elvis.core.base.arrays import frozen_ints
+from elvis.core.base.errors import FormatError
+from elvis.core.data.dataset import Dataset
+from elvis.core.data.mesh import Curves, Entities
 from elvis.core.mapping.connectivity import connected
-from elvis.core.mesh import Curves, Entities
+from elvis.core.mapping.geometry import geometry
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, mixed_plane, one_element, ripple
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.polynomial import chebyshev
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints
 from elvis.core.chebyshev_models import model as models
 from elvis.core.chebyshev_models import modelled_boxes
 from elvis.core.chebyshev_models.derivative_series import DerivativeSeries, derivatives_in

@@ -5,8 +5,8 @@ from math import factorial
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
 from elvis.core.integrals import integrate
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, grid

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.core.common_elements import common_elements
-from elvis.core.dataset import Dataset
+from elvis.core.data.dataset import Dataset
 from elvis.core.differences import diff
+from elvis.core.differences.common_elements import common_elements
 from elvis.core.mapping.connectivity import connected
-from elvis.core.sampling import sample
+from elvis.core.numbers.sampling import sample
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, mixed_plane, mixed_volume, ripple, scattered, with_field
 

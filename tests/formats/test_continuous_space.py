@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Dataset
+from elvis.core.data.dataset import Dataset
 from elvis.core.integrals import integrate
-from elvis.core.norms import quantity_norms
+from elvis.core.numbers.norms import quantity_norms
 from elvis.core.quantities import Expression
 from elvis.core.quantities.jumps import jumps
 from elvis.core.resolution.continuous_space import continuous_projection

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from elvis import sample
-from elvis.core.conversion_errors import REPORT
+from elvis.core.bounds.quantity_extrema import quantity_extrema
+from elvis.core.data.conversion_errors import REPORT
 from elvis.core.integrals import integrate
-from elvis.core.norms import quantity_norms
+from elvis.core.numbers.norms import quantity_norms
 from elvis.core.quantities import Expression
-from elvis.core.quantity_extrema import quantity_extrema
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid, with_field
 

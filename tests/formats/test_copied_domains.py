@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.core.copied_domains import SLACK, _boxes_meet, _relative, check_mirror, check_overlaps
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
-from elvis.core.isometries import Isometry
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
+from elvis.core.deformed.copied_domains import SLACK, _boxes_meet, _relative, check_mirror, check_overlaps
+from elvis.core.deformed.isometries import Isometry
 from elvis.core.quantities.moved_expressions import _agree, components
 from elvis.core.quantities.tree import call, coordinate, number
 from elvis.core.shapes import Shape

@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.core.critical_points import classified, critical_points
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.critical.points import classified, critical_points
+from elvis.core.critical.wall_points import wall_points
+from elvis.core.data.dataset import Dataset
+from elvis.core.data.mesh import Composite
 from elvis.core.mapping.connectivity import connected
 from elvis.core.mapping.orientation import local_vertices
-from elvis.core.mesh import Composite
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, ripple
-from elvis.core.wall_points import wall_points
 
 SHAPES = [shape for shape in Shape if shape.dimension > 1]
 

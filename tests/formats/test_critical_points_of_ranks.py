@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from elvis.core.critical_points import critical_points, shared_critical_points
-from elvis.core.dataset import Dataset
+from elvis.core.critical.points import critical_points, shared_critical_points
+from elvis.core.data.dataset import Dataset
 from elvis.core.portions import Portion, portions
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, grid, mixed_volume

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from elvis import FormatError, open_series
-from elvis.converters import vtk_files
-from elvis.converters.gmf import Gmf
-from elvis.converters.mfem import Mfem
-from elvis.converters.mfem_files import named_attributes
-from elvis.core.arrays import (
+from elvis.converters.gmf.gmf import Gmf
+from elvis.converters.mfem.files import named_attributes
+from elvis.converters.mfem.mfem import Mfem
+from elvis.converters.vtk import files as vtk_files
+from elvis.core.base.arrays import (
     distinct_bits,
     distinct_rows,
     distinct_sides,
@@ -22,11 +22,11 @@ from elvis.core.arrays import (
     rows_of_sides,
     uses_of,
 )
+from elvis.core.bounds.ranges import value_range
 from elvis.core.files.pieces import pieces, substituted
 from elvis.core.interfaces.hanging import _Search
 from elvis.core.mapping.orientation import local_vertices
 from elvis.core.polynomials.interpolation import modified
-from elvis.core.ranges import value_range
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
 from elvis.formats.nektar.composites import composite_ids, parse_tokens
@@ -134,9 +134,9 @@ def test_numbers_name_parts_unless_too_many_differ(tmp_path, monkeypatch, reader
     assert [own.name for own in source.boundaries] == ["boundary7", "boundary8", "boundary9"]
     assert len({block.region for block in source.blocks}) == 2
     assert not source.warnings
-    monkeypatch.setattr("elvis.converters.inputs.MOST_PARTS", 2)
+    monkeypatch.setattr("elvis.converters.shared.inputs.MOST_PARTS", 2)
     assert not reader([path]).boundaries
-    monkeypatch.setattr("elvis.converters.inputs.MOST_PARTS", 1)
+    monkeypatch.setattr("elvis.converters.shared.inputs.MOST_PARTS", 1)
     source = reader([path])
     assert [block.region for block in source.blocks] == [""]
     assert sum(map(len, source.blocks)) == 2

@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Expansion, ExpansionRule
-from elvis.core.errors import FormatError
+from elvis.core.base.errors import FormatError
+from elvis.core.data.dataset import Expansion, ExpansionRule
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values
 from elvis.core.polynomials.cubature import _LINE, cubature, field_cubature, rule_cubature

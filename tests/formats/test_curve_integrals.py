@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
+from elvis.core.data.mesh import Composite
 from elvis.core.integrals import integrate
 from elvis.core.integrals.curves import Curve
-from elvis.core.mesh import Composite
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, with_field
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from audit import basis
 
-from elvis.core import extrema
-from elvis.core.dataset import Dataset
+from elvis.core.bounds import extrema
+from elvis.core.data.dataset import Dataset
 from elvis.core.differences.compositions import Composition, PairBoxes
 from elvis.core.differences.prepared import sides
 from elvis.core.mapping.margins import heights
-from elvis.core.patch import patches
+from elvis.core.mapping.patch import patches
 from elvis.core.polynomials.boxnets import EXACT, GRID, all_half_boxes, all_halves, on_lattice, parts_of_boxes
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.interpolation import modified

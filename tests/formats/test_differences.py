@@ -6,15 +6,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Dataset
+from elvis.core.base.errors import ElvisError
+from elvis.core.bounds.extrema import Extremum, extrema
+from elvis.core.data.dataset import Dataset
 from elvis.core.differences import diff, family
 from elvis.core.differences.convergence import Family
 from elvis.core.differences.overlaps import bound_of_difference
-from elvis.core.errors import ElvisError
-from elvis.core.extrema import Extremum, extrema
 from elvis.core.integrals import integrate
-from elvis.core.patch import patches
-from elvis.core.sampling import sample
+from elvis.core.mapping.patch import patches
+from elvis.core.numbers.sampling import sample
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple
 

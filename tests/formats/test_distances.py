@@ -8,19 +8,19 @@ import pytest
 import trimesh
 
 from elvis import Dataset, read
+from elvis.core.base.errors import ElvisError
+from elvis.core.bounds.bounding import quantity_range
+from elvis.core.data.mesh import Composite
 from elvis.core.distances import nearest, surface_of
 from elvis.core.distances.boundaries import bodies
-from elvis.core.errors import ElvisError
 from elvis.core.mapping.inverse import Status
-from elvis.core.mesh import Composite
 from elvis.core.quantities import Expression, Names
-from elvis.core.quantities.bounding import quantity_range
-from elvis.core.quantities.element_points import ElementPoints
-from elvis.core.quantities.element_sides import places_on_sides
+from elvis.core.quantities.elements.points import ElementPoints
+from elvis.core.quantities.elements.sides import places_on_sides
 from elvis.core.quantities.evaluator import Evaluator, Sampler
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, with_field
-from elvis.plugins.sample import write_sample
+from elvis.plugins.samples.sample import write_sample
 
 LINEAR = {2: [(0, 1, 1)], 3: [(0, 1, 2)], 4: [(0, 1, 2), (0, 2, 3)]}
 

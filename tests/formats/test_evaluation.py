@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Expansion
+from elvis.core.data.dataset import Expansion
 from elvis.core.polynomials import curvature, evaluation, tensor_points
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.expansion import mode_count, values, values_and_gradients

@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Expansion, Homogeneous
-from elvis.core.errors import ElvisError, FormatError
+from elvis.core.base.errors import ElvisError, FormatError
+from elvis.core.data.dataset import Expansion, Homogeneous
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.collapse import collapse_jacobian, uncollapse
 from elvis.core.polynomials.expansion import (

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
-from elvis.core.extrema import extrema
+from elvis.core.base.errors import ElvisError
+from elvis.core.bounds.extrema import extrema
+from elvis.core.data.dataset import Dataset
 from elvis.core.quantities import Expression
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.shapes import Shape

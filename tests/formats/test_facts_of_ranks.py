@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 
 from elvis import Dataset, read, write
-from elvis.core import extrema as extrema_module
-from elvis.core import quantity_extrema as quantity_extrema_module
-from elvis.core import ranges
-from elvis.core.dataset import Block, Field, Homogeneous
-from elvis.core.mesh import Composite
+from elvis.core.bounds import bounding, ranges
+from elvis.core.bounds import extrema as extrema_module
+from elvis.core.bounds import quantity_extrema as quantity_extrema_module
+from elvis.core.bounds.quantity_extrema import quantity_extrema, shared_extrema
+from elvis.core.data.dataset import Block, Field, Homogeneous
+from elvis.core.data.mesh import Composite
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.expansion import mode_count
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.portions import Portion
-from elvis.core.quantities import Expression, bounding
-from elvis.core.quantity_extrema import quantity_extrema, shared_extrema
+from elvis.core.quantities import Expression
 from elvis.core.shapes import Shape
-from elvis.core.summary import summary
+from elvis.core.summary.summary import summary
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
 from elvis.core.testing.played_ranks import played
 from elvis.core.validity import validity as validity_module

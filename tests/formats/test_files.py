@@ -11,15 +11,15 @@ from elvis import read as open_data
 from elvis.core.distances.triangle_files import triangles_of
 from elvis.core.files.archives import names_in
 from elvis.core.files.plain import leading
-from elvis.core.queries import points_in_table
+from elvis.core.numbers.queries import points_in_table
 from elvis.formats.reading import read
 from elvis.formats.strict import findings
-from elvis.plugins.discovery import choose_converter, installed_converters
-from elvis.plugins.opening import open_files
+from elvis.plugins.conversion.discovery import choose_converter, installed_converters
+from elvis.plugins.runtime.opening import open_files
 from elvis.reference.record import Record
 from elvis.renderer.passes.solids.hits import triangles
-from elvis.scene.files import read_scene
-from elvis.scene.palette import points_in
+from elvis.scene.model.files import read_scene
+from elvis.scene.record.palette import points_in
 
 #: how a file is read, and the suffix by which some are told
 DOORS = {

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from elvis import Dataset
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.evaluator import Sampler
 from elvis.core.quantities.flows import PUBLIC

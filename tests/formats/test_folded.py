@@ -7,17 +7,17 @@ import pytest
 from click.testing import CliRunner
 
 from elvis import Block, Dataset, ElvisError, Field, Shape, integrate, open_series, write
-from elvis.core.geometry import geometry
 from elvis.core.mapping.connectivity import connected
+from elvis.core.mapping.geometry import geometry
 from elvis.core.polynomials.expansion import values
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.polynomials.quadrature import gauss
-from elvis.core.summary import summary
+from elvis.core.summary.summary import summary
 from elvis.core.testing import curved, grid, ripple, scattered
 from elvis.core.validity.folded import folded
 from elvis.core.validity.regularity import are_regular
 from elvis.core.validity.validity import TOUCHING, ValidityStatus, validity
-from elvis.plugins.command import elvis as group
+from elvis.plugins.command.command import elvis as group
 
 SHAPES = [shape for shape in Shape if shape.dimension > 1]
 #: where the map of `folded_between_samples` turns back, and half of the width of its fold

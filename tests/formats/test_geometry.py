@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Dataset
-from elvis.core.geometry import geometry
+from elvis.core.data.dataset import Dataset
+from elvis.core.mapping.geometry import geometry
 from elvis.core.mapping.orientation import local_vertices
+from elvis.core.mapping.patch import patches
 from elvis.core.mapping.pointwise import gradients, jacobians, positions, values
 from elvis.core.mapping.tangents import determinants
-from elvis.core.patch import patches
 from elvis.core.polynomials.collapse import collapse_jacobian, uncollapse
 from elvis.core.polynomials.evaluation import evaluate, evaluate_with_gradients
 from elvis.core.polynomials.points import PointsType, nodes, triangle_nodes

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from elvis import Dataset, Shape, deform, integrate
-from elvis.core.height_walls import height_walls
+from elvis.core.deformed.height_walls import height_walls
 from elvis.core.testing import approximated, curved, grid, ripple
 
 SCALE = 0.7

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from elvis import Dataset, Shape
-from elvis.core.errors import ElvisError
-from elvis.core.histogram import histogram
+from elvis.core.base.errors import ElvisError
+from elvis.core.numbers.histogram import histogram
 from elvis.core.quantities import Expression
 from elvis.core.testing import approximated, curved, grid
-from elvis.plugins.serving import names_of
+from elvis.plugins.runtime.serving import names_of
 
 
 @pytest.fixture(scope="module")

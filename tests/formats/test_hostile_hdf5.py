@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 import pytest
 
-from elvis.core.errors import FormatError
+from elvis.core.base.errors import FormatError
 from elvis.formats.nektar.hdf5_checks import attribute_data
 from elvis.formats.nektar.hdf5_heaps import check_heaps
 

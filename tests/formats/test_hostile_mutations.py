@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from elvis import ElvisError
-from elvis.core.patch import patches
+from elvis.core.mapping.patch import patches
 from elvis.core.polynomials.evaluation import evaluate
 from elvis.formats.reading import read
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from elvis import read
-from elvis.core.dataset import Block, Dataset, Field, Homogeneous
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Block, Dataset, Field, Homogeneous
+from elvis.core.data.mesh import Composite
 from elvis.core.integrals import integrate
-from elvis.core.mesh import Composite
-from elvis.core.norms import norms
+from elvis.core.numbers.norms import norms
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.expansion import mode_count
 from elvis.core.polynomials.interpolation import modified

@@ -6,14 +6,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Dataset
+from elvis.core.data.dataset import Dataset
 from elvis.core.mapping import enclosure, inverse
 from elvis.core.mapping.enclosure import excluded, search
 from elvis.core.mapping.inverse import Status, invert
 from elvis.core.mapping.margins import TOLERANCE, drawn_in, facets, heights, margins
 from elvis.core.mapping.newton import Targets
+from elvis.core.mapping.patch import patches
 from elvis.core.mapping.pointwise import determinants, jacobians, positions
-from elvis.core.patch import patches
 from elvis.core.polynomials.collapse import collapse, collapse_jacobian, uncollapse
 from elvis.core.shapes import Shape
 from elvis.core.testing import (

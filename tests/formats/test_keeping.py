@@ -88,7 +88,7 @@ def test_the_command_lists_the_cache(tmp_path, monkeypatch):
 
     from click.testing import CliRunner
 
-    from elvis.plugins.command import elvis
+    from elvis.plugins.command.command import elvis
 
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     (tmp_path / "elvis" / "kernels").mkdir(parents=True)

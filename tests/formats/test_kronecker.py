@@ -11,7 +11,7 @@ from elvis.core.polynomials.expansion import values
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.polynomials.kronecker import Lattice, RowMap, lagrange_factors
 from elvis.core.shapes import Shape
-from elvis.plugins.nodal import NodalBasis
+from elvis.plugins.conversion.nodal import NodalBasis
 
 
 def shuffled(sizes, rng):

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from elvis import Dataset, ElvisError, Shape, largest_scale
-from elvis.core.deforming import moving_maps
-from elvis.core.geometry import geometry
+from elvis.core.deformed.deforming import moving_maps
+from elvis.core.mapping.geometry import geometry
 from elvis.core.polynomials.evaluation import evaluate, evaluate_with_gradients
 from elvis.core.testing import approximated, curved, grid, ripple, scattered
 from elvis.core.validity.largest_scale import _is_positive, _Piece

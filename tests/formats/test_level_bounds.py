@@ -6,14 +6,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Dataset
-from elvis.core.integrals import graph_discs, integrate, level_discs, level_error
+from elvis.core.data.dataset import Dataset
+from elvis.core.integrals import graph_discs, integrate
 from elvis.core.integrals.cut_expansions import Expansion
 from elvis.core.integrals.graph_discs import RHOS, PartDiscs, graph_parts
 from elvis.core.integrals.kinks import branches
-from elvis.core.integrals.level_boxes import LevelBoxes
+from elvis.core.integrals.levels import discs as level_discs
+from elvis.core.integrals.levels import error as level_error
+from elvis.core.integrals.levels.boxes import LevelBoxes
 from elvis.core.integrals.taylor import BENDS, multiplied, slope, straightened, taylor
-from elvis.core.patch import patches
+from elvis.core.mapping.patch import patches
 from elvis.core.polynomials.bernstein import line_tables
 from elvis.core.quantities.expression import Expression
 from elvis.core.shapes import Shape

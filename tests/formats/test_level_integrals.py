@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
-from elvis.core.integrals import integrate, levels_of_elements
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
+from elvis.core.integrals import integrate
 from elvis.core.integrals.graphs import on_graph
+from elvis.core.integrals.levels import of_elements as levels_of_elements
 from elvis.core.integrals.subcells import corners, subcell_map
 from elvis.core.polynomials.bernstein import line_tables
 from elvis.core.shapes import Shape

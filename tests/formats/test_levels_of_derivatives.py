@@ -9,11 +9,11 @@ from math import asinh, pi, sqrt
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
 from elvis.core.integrals import integrate
 from elvis.core.quantities import expression_nets
-from elvis.core.quantities.element_points import Lattice
+from elvis.core.quantities.elements.points import Lattice
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.shapes import Shape

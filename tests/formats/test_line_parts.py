@@ -5,16 +5,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
 from elvis.core.mapping.locate import Locator
-from elvis.core.patch import patches
+from elvis.core.mapping.patch import patches
 from elvis.core.quantities.expression import Expression
 from elvis.core.shapes import Shape
-from elvis.core.streamlines import line_pieces, marks
+from elvis.core.streamlines import marks
 from elvis.core.streamlines.entries import ALONG, ON_SIDE, taking_up
-from elvis.core.streamlines.line_pieces import Pieces, Steps, _curved, check_count, resting
-from elvis.core.streamlines.line_steps import Piece
+from elvis.core.streamlines.lines import pieces as line_pieces
+from elvis.core.streamlines.lines.pieces import Pieces, Steps, _curved, check_count, resting
+from elvis.core.streamlines.lines.steps import Piece
 from elvis.core.streamlines.neighbours import Neighbours
 from elvis.core.streamlines.ribbons import _directions, _turned, _with_length, at_seeds
 from elvis.core.streamlines.velocity import Velocity

@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 
 from elvis import read
-from elvis.core.arrays import frozen_floats, frozen_ints
-from elvis.core.dataset import Block, Dataset, Expansion, Field, Homogeneous
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import frozen_floats, frozen_ints
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Block, Dataset, Expansion, Field, Homogeneous
 from elvis.core.mapping.connectivity import connected
 from elvis.core.mapping.enclosure import hulls
 from elvis.core.mapping.inverse import Status, invert
 from elvis.core.mapping.locate import Locator, locate
 from elvis.core.mapping.margins import TOLERANCE, margins
+from elvis.core.mapping.patch import patches
 from elvis.core.mapping.pointwise import determinants, gradients, positions, values
-from elvis.core.patch import patches
+from elvis.core.numbers.sampling import Sampler, sample
 from elvis.core.polynomials.bases import Basis
-from elvis.core.sampling import Sampler, sample
 from elvis.core.shapes import Shape
 from elvis.core.testing import (
     approximated,

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from elvis.core import memory
+from elvis.core.base import memory
 from elvis.scene.commandline import parameters
 
 MODERN = ("memory.max", "memory.current", "inactive_file")
@@ -85,7 +85,7 @@ def test_pages_of_freed_arrays_are_reused():
         program = f"""
 import resource
 import numpy as np
-from elvis.core.memory import settle_free_memory
+from elvis.core.base.memory import settle_free_memory
 {setting}
 def work():
     arrays = [np.ones(1 << 17) for _ in range(16)]

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Block, Dataset, Field, Homogeneous
-from elvis.core.mesh_quality import mesh_quality
+from elvis.core.data.dataset import Block, Dataset, Field, Homogeneous
+from elvis.core.numbers.mesh_quality import mesh_quality
 from elvis.core.polynomials.bases import Basis
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Dataset
-from elvis.core.errors import FormatError
+from elvis.core.base.errors import FormatError
+from elvis.core.data.dataset import Dataset
 from elvis.core.mapping.orientation import require
 from elvis.core.quantities import Expression
 from elvis.core.quantities.evaluator import Evaluator

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Block, Dataset, Expansion, ExpansionRule, Field, Homogeneous
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Block, Dataset, Expansion, ExpansionRule, Field, Homogeneous
 from elvis.core.mapping.connectivity import connected
-from elvis.core.norms import norms
+from elvis.core.numbers.norms import norms
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.expansion import mode_count, values
 from elvis.core.polynomials.interpolation import modified
@@ -193,6 +193,6 @@ def test_batches_do_not_change_norms(monkeypatch):
     rows = np.array([[i, i + 1, i + 7, i + 6] for i in range(5)])
     dataset = Dataset(connected(vertices, {Shape.QUADRILATERAL: rows}, 2))
     whole = norms(dataset)
-    monkeypatch.setattr("elvis.core.norms._BATCH", 1)
+    monkeypatch.setattr("elvis.core.numbers.norms._BATCH", 1)
     assert norms(dataset)["x"].l2 == pytest.approx(whole["x"].l2, rel=1e-14)
     assert whole["x"].l2 == pytest.approx(np.sqrt(125 / 3), rel=1e-13)

@@ -9,7 +9,7 @@ from elvis import Dataset, ElvisError, write
 from elvis.core.files.nrrd import Grid, write_nrrd
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, grid
-from elvis.plugins.command import elvis as group
+from elvis.plugins.command.command import elvis as group
 
 GRID = Grid((-0.5, 0.0, 0.25), (1.0, 1.0, 0.75), (12, 3, 5))
 
@@ -90,7 +90,7 @@ def run(*arguments):
 
 
 def test_a_grid_of_data_is_exact_inside_and_nan_outside(files, tmp_path, monkeypatch):
-    monkeypatch.setattr("elvis.renderer.commands.probe._TOGETHER", 50)
+    monkeypatch.setattr("elvis.renderer.commands.probe.probe._TOGETHER", 50)
     assert run(*files, "--grid", "6,5,4", "--box", "0,0,0:1.25,1,1", "-o", tmp_path / "a.nrrd") == ""
     header, keys, found = read(tmp_path / "a.nrrd")
     assert keys["fields"] == "u v"

@@ -7,10 +7,10 @@ import sys
 import numpy as np
 import pytest
 
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.base.needing import MissingPackageError
 from elvis.core.files.columns import csv_lines, write_columns
 from elvis.core.files.output import replacing, write_text
-from elvis.core.needing import MissingPackageError
 
 
 def test_the_file_appears_complete_without_leftovers(tmp_path):

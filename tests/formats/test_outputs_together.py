@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 from elvis.core.files import output, replacement, scratch
 from elvis.core.files.output import Outputs, check_places, write_text
 

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.core.arrays import frozen_ints
-from elvis.core.dataset import Block, Dataset, Field
-from elvis.core.errors import ElvisError, FormatError
-from elvis.core.geometry import geometry
-from elvis.core.mesh import Curves
-from elvis.core.patch import patches
+from elvis.core.base.arrays import frozen_ints
+from elvis.core.base.errors import ElvisError, FormatError
+from elvis.core.data.dataset import Block, Dataset, Field
+from elvis.core.data.mesh import Curves
+from elvis.core.mapping.geometry import geometry
+from elvis.core.mapping.patch import patches
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
 

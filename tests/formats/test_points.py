@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elvis.core.errors import FormatError
+from elvis.core.base.errors import FormatError
 from elvis.core.polynomials.points import PointsType, nodes, triangle_nodes
 
 TABLE = Path(__file__).parents[2] / ".." / "shared" / "data" / "nektar" / "nodal-tri-points.json"

@@ -6,7 +6,7 @@ from math import comb, gamma
 import numpy as np
 import pytest
 
-from elvis.core.errors import FormatError
+from elvis.core.base.errors import FormatError
 from elvis.core.polynomials.jacobi import jacobi
 from elvis.core.polynomials.quadrature import (
     FAMILIES,

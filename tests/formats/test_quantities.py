@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from elvis import Dataset, integrate, read
-from elvis.core.errors import ElvisError
-from elvis.core.norms import quantity_norms
+from elvis.core.base.errors import ElvisError
+from elvis.core.bounds.bounding import quantity_range
+from elvis.core.numbers.norms import quantity_norms
 from elvis.core.quantities import Expression, Names
-from elvis.core.quantities.bounding import quantity_range
 from elvis.core.quantities.evaluator import Evaluator, Sampler
 from elvis.core.quantities.functions import FUNCTIONS, OPERATORS
 from elvis.core.quantities.tree import MEASURES, leaves, measure_name, measured_of, partial

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.core import quantity_extrema as quantity_extrema_module
-from elvis.core.dataset import Dataset, Field
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.bounds import quantity_extrema as quantity_extrema_module
+from elvis.core.bounds.quantity_extrema import quantity_extrema
+from elvis.core.data.dataset import Dataset, Field
 from elvis.core.polynomials.boxnets import all_halves, corners, product, total
 from elvis.core.quantities import Expression
 from elvis.core.quantities.evaluator import Evaluator, Sampler
-from elvis.core.quantity_extrema import quantity_extrema
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple, scattered
 

@@ -3,9 +3,9 @@ import io
 import numpy as np
 import pytest
 
-from elvis.core import queries
-from elvis.core.errors import FormatError
-from elvis.core.queries import points_in_table, points_on_line, points_on_plane
+from elvis.core.base.errors import FormatError
+from elvis.core.numbers import queries
+from elvis.core.numbers.queries import points_in_table, points_on_line, points_on_plane
 
 
 def test_a_line_includes_its_ends_exactly():

@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from elvis.core import ranges
-from elvis.core.dataset import Expansion, Homogeneous
+from elvis.core.bounds import ranges
+from elvis.core.bounds.ranges import value_range, value_ranges
+from elvis.core.data.dataset import Expansion, Homogeneous
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.polynomials.expansion import mode_count
-from elvis.core.ranges import value_range, value_ranges
 from elvis.core.shapes import Shape
 
 A, B, C, PYR = Basis.MODIFIED_A, Basis.MODIFIED_B, Basis.MODIFIED_C, Basis.MODIFIED_PYR_C

@@ -8,26 +8,26 @@ import numpy as np
 import pytest
 
 from elvis import Dataset, write
-from elvis.core import ranks as ranks_module
-from elvis.core.dataset import Block, Field, Homogeneous
-from elvis.core.exact_sums import parts_of_sum, rounded_sum
+from elvis.core.base import ranks as ranks_module
+from elvis.core.base.exact_sums import parts_of_sum, rounded_sum
+from elvis.core.base.ranks import MpiRanks, Turns, started_together
+from elvis.core.data.dataset import Block, Field, Homogeneous
+from elvis.core.data.mesh import Composite
 from elvis.core.integrals import comes_apart, integrate
 from elvis.core.mapping.inverse import Status
 from elvis.core.mapping.locate import Location
-from elvis.core.mesh import Composite
-from elvis.core.norms import norms, quantity_norms
+from elvis.core.numbers.norms import norms, quantity_norms
+from elvis.core.numbers.sampling import Samples, by_elements, columns_of_parts
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.expansion import mode_count
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.portions import Portion
 from elvis.core.quantities import Expression
 from elvis.core.quantities.evaluator import Sampler
-from elvis.core.ranks import MpiRanks, Turns, started_together
-from elvis.core.sampling import Samples, by_elements, columns_of_parts
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
 from elvis.core.testing.played_ranks import played
-from elvis.plugins.command import main
+from elvis.plugins.command.command import main
 
 TARGETS = (
     "domain",
@@ -88,7 +88,7 @@ def test_every_piece_has_one_turn(count, size):
 
 @pytest.mark.parametrize("size", [2, 3, 8])
 def test_norms_are_the_same_to_the_bit(bent, size, monkeypatch):
-    monkeypatch.setattr("elvis.core.norms._BATCH", 12 * 200)
+    monkeypatch.setattr("elvis.core.numbers.norms._BATCH", 12 * 200)
     assert shared(size, lambda ranks: norms(bent, ranks)) == norms(bent)
     wanted = [Expression.of(bent, text) for text in ("u", "d(u,x)/(2+u)")]
     assert shared(size, lambda ranks: quantity_norms(bent, wanted, ranks)) == quantity_norms(bent, wanted)
@@ -333,9 +333,10 @@ def test_ranks_with_different_commands_are_reported(files, started):
 
 def test_child_processes_of_a_rank_are_not_ranks(started, tmp_path):
     """Though it takes over the channel to the starter, which MPICH closes, Open MPI keeps open."""
-    count = "from elvis.core.ranks import started_together; print(started_together())"
+    count = "from elvis.core.base.ranks import started_together; print(started_together())"
     start = (
-        "import os, subprocess, sys; from elvis.core.ranks import ranks_of_run; channel = int(os.environ['PMI_FD']);"
+        "import os, subprocess, sys; from elvis.core.base.ranks import ranks_of_run; "
+        "channel = int(os.environ['PMI_FD']);"
         f"ranks_of_run(); subprocess.run([sys.executable, '-c', {count!r}], pass_fds=[channel], check=True)"
     )
     ranks = started.processes(tmp_path, (2, sys.executable, "-c", start))
@@ -346,8 +347,8 @@ def test_child_processes_of_a_rank_are_not_ranks(started, tmp_path):
 #: a rank that sends each other one what is large enough not to be there before it is requested
 SENDS = """
 import os, numpy as np
-from elvis.core.errors import ElvisError
-from elvis.core.ranks import ranks_of_run
+from elvis.core.base.errors import ElvisError
+from elvis.core.base.ranks import ranks_of_run
 
 ranks = ranks_of_run()
 values = [np.full(1 << 20, 10 * ranks.rank + to) if (ranks.rank + to) % 2 else None for to in range(ranks.size)]
@@ -406,8 +407,8 @@ class Killed:
 #: ranks that note and fail, as commands do; the last word is printed by the first
 NOTES = """
 import sys
-from elvis.core.ranks import ranks_of_run
-from elvis.core.terminal import note, warn
+from elvis.core.base.ranks import ranks_of_run
+from elvis.core.base.terminal import note, warn
 
 ranks = ranks_of_run()
 note("all see this")

@@ -7,15 +7,16 @@ import numpy as np
 import pytest
 
 from elvis import Dataset, FormatError, read, write
-from elvis.core.dataset import Block, Field, Homogeneous
-from elvis.core.mesh import Composite, Mesh
+from elvis.core.data.dataset import Block, Field, Homogeneous
+from elvis.core.data.mesh import Composite, Mesh
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.expansion import mode_count
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.portions import Portion
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple, with_field
-from elvis.formats.nektar import assembly, geometry_parts, hdf5, payload, xml
+from elvis.formats.nektar import assembly, hdf5, payload, xml
+from elvis.formats.nektar.geometry import parts as geometry_parts
 from elvis.formats.nektar.mapped_files import mapped
 from elvis.formats.nektar.packed import Packed
 from elvis.formats.reading import read_part

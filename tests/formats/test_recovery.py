@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.core.arrays import frozen_floats
-from elvis.core.dataset import Dataset, Field
-from elvis.core.errors import ElvisError
-from elvis.core.norms import quantity_norms
+from elvis.core.base.arrays import frozen_floats
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset, Field
+from elvis.core.numbers.norms import quantity_norms
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.quantities import Expression
 from elvis.core.quantities.attributes import Attributes

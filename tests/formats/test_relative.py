@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from elvis.core.relative import error_limit, scale
+from elvis.core.base.relative import error_limit, scale
 
 EPS = 2.0**-52
 

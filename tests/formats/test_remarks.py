@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from elvis import Dataset, Shape, read, write
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.mesh import Composite
 from elvis.core.distances.boundaries import boundaries
-from elvis.core.errors import ElvisError
-from elvis.core.mesh import Composite
 from elvis.core.testing import grid
 from elvis.formats.nektar.remarks import read_remarks
 from elvis.formats.reading import read as read_native
 from elvis.plugins.faces import faces_of
-from elvis.plugins.serving import volume_of
+from elvis.plugins.runtime.serving import volume_of
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.special import eval_legendre, spherical_jn
 
-from elvis.core.dataset import Dataset, Expansion, Field
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset, Expansion, Field
 from elvis.core.integrals import integrate
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.evaluation import evaluate
@@ -19,9 +19,9 @@ from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.needed import needed_fields
 from elvis.core.resolution.decay_rates import decay_rates, grows_at_top
 from elvis.core.resolution.element_resolution import element_resolution
+from elvis.core.resolution.facts import resolution_facts
 from elvis.core.resolution.low_order_errors import with_neighbours
 from elvis.core.resolution.modal_bases import exact_rule, modal_basis
-from elvis.core.resolution.resolution_facts import resolution_facts
 from elvis.core.resolution.truncation import truncated
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, one_element, ripple, scattered

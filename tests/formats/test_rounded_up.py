@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from elvis.core.rounded_up import rounded_up
+from elvis.core.base.rounded_up import rounded_up
 
 
 @pytest.mark.parametrize("digits", [1, 2, 3])

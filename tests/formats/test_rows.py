@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from elvis.core.rows import Rows
+from elvis.core.base.rows import Rows
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,10 +4,10 @@ import os
 
 import pytest
 
-from elvis.core.errors import FormatError
-from elvis.core.ranks import ALONE, number_of_process
+from elvis.core.base.errors import FormatError
+from elvis.core.base.ranks import ALONE, number_of_process
 from elvis.core.testing.played_ranks import played
-from elvis.plugins.same_files import check_same_files
+from elvis.plugins.command.same_files import check_same_files
 
 BYTES = bytes(range(256)) * 8192
 

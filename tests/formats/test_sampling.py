@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from elvis import Dataset, ElvisError, Shape, line, sample
-from elvis.core import sampling
-from elvis.core.hints import nearest, perhaps
-from elvis.core.patch import patches
-from elvis.core.quantities.element_points import ElementPoints
-from elvis.core.ranks import ALONE
+from elvis.core.base.hints import nearest, perhaps
+from elvis.core.base.ranks import ALONE
+from elvis.core.mapping.patch import patches
+from elvis.core.numbers import sampling
+from elvis.core.quantities.elements.points import ElementPoints
 from elvis.core.testing import approximated, curved, grid, mixed_plane, ripple
 
 POINTS = [(0.21, 0.34), (0.8, 0.77), (5.0, 5.0)]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Dataset
+from elvis.core.data.dataset import Dataset
 from elvis.core.integrals import integrate
 from elvis.core.quantities import Expression
 from elvis.core.quantities.evaluator import Sampler

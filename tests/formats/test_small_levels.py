@@ -6,7 +6,7 @@ from math import pi
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Dataset
+from elvis.core.data.dataset import Dataset
 from elvis.core.integrals import integrate
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid, with_field

@@ -7,9 +7,9 @@ import pytest
 from click.testing import CliRunner
 
 from elvis import Dataset, ElvisError, Shape, write
-from elvis.core.spectra import power_spectrum
+from elvis.core.numbers.spectra import power_spectrum
 from elvis.core.testing import approximated, grid
-from elvis.plugins.command import elvis
+from elvis.plugins.command.command import elvis
 
 #: cycles per unit of time, and amplitudes
 TONES = ((5.0, 2.0), (12.0, 0.5))

@@ -2,10 +2,10 @@
 
 import pytest
 
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
 from elvis.core.integrals import integrate
-from elvis.core.norms import quantity_norms
+from elvis.core.numbers.norms import quantity_norms
 from elvis.core.quantities import Expression
 from elvis.core.resolution.stream_functions import stream_function
 from elvis.core.shapes import Shape

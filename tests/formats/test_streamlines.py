@@ -9,8 +9,8 @@ from scipy.integrate import solve_ivp
 from scipy.integrate._ivp import dop853_coefficients
 from scipy.linalg import expm
 
-from elvis.core.dataset import Dataset, Field, Homogeneous
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset, Field, Homogeneous
 from elvis.core.polynomials.bases import Basis
 from elvis.core.shapes import Shape
 from elvis.core.streamlines import dop853

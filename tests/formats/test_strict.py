@@ -11,8 +11,8 @@ import pytest
 from click.testing import CliRunner
 
 from elvis import read, write
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
 from elvis.core.mapping.connectivity import connected
 from elvis.core.portions import along_curve
 from elvis.core.shapes import Shape

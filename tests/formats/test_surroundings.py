@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from elvis import Dataset, Shape
+from elvis.core.base.errors import ElvisError
 from elvis.core.distances import surface_of
 from elvis.core.distances.crossings import windings
-from elvis.core.errors import ElvisError
 from elvis.core.integrals import comes_apart, evaluated, integrate
-from elvis.core.norms import quantity_norms
+from elvis.core.numbers.norms import quantity_norms
 from elvis.core.portions import along_curve, portions, unite
 from elvis.core.portions.borrowing import borrowing, surrounded
 from elvis.core.quantities import Expression
 from elvis.core.quantities.attributes import Attributes
-from elvis.core.summary import summary
+from elvis.core.summary.summary import summary
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
 from elvis.core.testing.played_ranks import played
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from elvis.core import terminal
-from elvis.core.terminal import one_line, print_json, print_table, say, visible, warn
+from elvis.core.base import terminal
+from elvis.core.base.terminal import one_line, print_json, print_table, say, visible, warn
 
 #: colours, titles of windows, deletion, text that runs backwards, bytes that are no text
 HOSTILE = "u\x1b[31m\x1b]0;title\x07\x9b2J\x7f\u202e\udcff\r"
@@ -45,7 +45,7 @@ def test_json_uses_its_escapes(capsys):
 @pytest.mark.parametrize("expression", ["1" * 100_000, "y" * 100_000, "'" + "z" * 100_000 + "'"])
 def test_messages_have_an_end(expression):
     from elvis import Dataset, sample
-    from elvis.core.errors import ElvisError
+    from elvis.core.base.errors import ElvisError
     from elvis.core.shapes import Shape
     from elvis.core.testing import grid
 

@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from elvis.core.threads import Once, results
+from elvis.core.base.threads import Once, results
 
 
 def test_results_come_in_the_order_of_the_jobs():

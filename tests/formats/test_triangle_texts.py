@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
+from elvis.core.base.errors import FormatError
 from elvis.core.distances.triangle_files import corners_of, triangles_of
-from elvis.core.errors import FormatError
 
 VERTICES = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0 0.5 0.5 0.5\n"
 PLY = """ply

@@ -14,8 +14,8 @@ import pytest
 
 from elvis import read
 from elvis.core.mapping.orientation import local_vertices
-from elvis.core.norms import norms
-from elvis.core.patch import patches
+from elvis.core.mapping.patch import patches
+from elvis.core.numbers.norms import norms
 from elvis.core.polynomials.evaluation import evaluate_at, evaluate_with_gradients
 from elvis.core.shapes import Shape
 

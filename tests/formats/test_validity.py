@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from elvis import Dataset, Shape
-from elvis.core.geometry import GeometryBlock, geometry
 from elvis.core.mapping.connectivity import connected
+from elvis.core.mapping.geometry import GeometryBlock, geometry
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.evaluation import evaluate_at, evaluate_with_gradients

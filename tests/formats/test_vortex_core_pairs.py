@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.base.arrays import Floats, frozen_floats
 from elvis.core.cores import vortex_cores
-from elvis.core.cores.core_search import CoreSearch
-from elvis.core.cores.core_tracing import CoreTracing
 from elvis.core.cores.parallel import ParallelVectors
-from elvis.core.dataset import Dataset
+from elvis.core.cores.search import CoreSearch
+from elvis.core.cores.tracing import CoreTracing
+from elvis.core.data.dataset import Dataset
 from elvis.core.mapping.connectivity import connected
 from elvis.core.mapping.margins import heights
 from elvis.core.mapping.pointwise import positions, positions_and_jacobians

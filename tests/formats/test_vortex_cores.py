@@ -5,17 +5,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from elvis.core.arrays import frozen_floats
+from elvis.core.base.arrays import frozen_floats
+from elvis.core.base.errors import ElvisError
 from elvis.core.cores import vortex_cores
-from elvis.core.cores.core_boxes import Boxes, at_nodes
-from elvis.core.cores.core_curves import core_curves
-from elvis.core.cores.core_finding import CoreLimits
-from elvis.core.cores.core_search import CoreSearch
-from elvis.core.cores.core_turning import turns_less
-from elvis.core.dataset import Block, Dataset, Field
-from elvis.core.errors import ElvisError
+from elvis.core.cores.boxes import Boxes, at_nodes
+from elvis.core.cores.curves import core_curves
+from elvis.core.cores.finding import CoreLimits
+from elvis.core.cores.search import CoreSearch
+from elvis.core.cores.turning import turns_less
+from elvis.core.data.dataset import Block, Dataset, Field
 from elvis.core.mapping.orientation import local_vertices
-from elvis.core.patch import patches
+from elvis.core.mapping.patch import patches
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, ripple
 

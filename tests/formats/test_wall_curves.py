@@ -9,10 +9,10 @@ import pytest
 from click.testing import CliRunner
 
 from elvis import Dataset, ElvisError, Shape, from_arrays, integrate, write
+from elvis.core.data.mesh import Composite
 from elvis.core.mapping.inverse import Status
 from elvis.core.mapping.locate import Locator
-from elvis.core.mesh import Composite
-from elvis.core.patch import patches
+from elvis.core.mapping.patch import patches
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.quantities import Expression
 from elvis.core.quantities.evaluator import Sampler
@@ -238,7 +238,7 @@ def test_a_plane_that_touches_a_side_is_reported():
 
 
 def test_the_command(tmp_path, monkeypatch):
-    from elvis.plugins.command import elvis
+    from elvis.plugins.command.command import elvis
 
     monkeypatch.chdir(tmp_path)
     data = Dataset(grid(Shape.HEXAHEDRON, 1))
@@ -306,8 +306,8 @@ def test_the_command(tmp_path, monkeypatch):
 
 def test_profiles_stand_at_their_stations(tmp_path, monkeypatch):
     """The profile of u = x + y over the floor y = 0 of a square at x = 0.2 and 0.6, from a table, in one call."""
-    from elvis.renderer.commands.look import Look
-    from elvis.renderer.commands.probe_curves import ProbeCurves
+    from elvis.renderer.commands.probe.curves import ProbeCurves
+    from elvis.renderer.commands.probe.look import Look
 
     monkeypatch.chdir(tmp_path)
     bare = Dataset(with_wall(grid(Shape.QUADRILATERAL, 2), lambda corners: corners[..., 1] == 0))
@@ -330,7 +330,7 @@ def test_profiles_stand_at_their_stations(tmp_path, monkeypatch):
 
 def test_points_snap_to_walls_at_the_analytic_distance(tmp_path, monkeypatch):
     """Points around a part of a ball, which come to the sphere along its normals."""
-    from elvis.plugins.command import elvis
+    from elvis.plugins.command.command import elvis
 
     monkeypatch.chdir(tmp_path)
     mesh = with_wall(grid(Shape.HEXAHEDRON, 1), lambda corners: corners[..., 2] == 1)
@@ -361,7 +361,7 @@ def test_points_snap_to_walls_at_the_analytic_distance(tmp_path, monkeypatch):
 
 def test_boundary_layers_at_stations(tmp_path, monkeypatch):
     """u = U (2 s - s^2), s = y/d, up to the height d = 0.1 (1 + x): delta99 = 0.9 d, delta* = d/3, theta = 2 d/15."""
-    from elvis.plugins.command import elvis
+    from elvis.plugins.command.command import elvis
 
     monkeypatch.chdir(tmp_path)
     mesh = with_wall(grid(Shape.QUADRILATERAL, 2), lambda p: p[..., 1] == 0)
@@ -395,7 +395,7 @@ def test_boundary_layers_at_stations(tmp_path, monkeypatch):
 
 
 def test_boundaries_called_boundary_have_normals_too(tmp_path, monkeypatch):
-    from elvis.plugins.command import elvis
+    from elvis.plugins.command.command import elvis
 
     monkeypatch.chdir(tmp_path)
     data = from_arrays({"quadrilateral": [[[0, 0], [1, 0], [0, 1], [1, 1]]]}, u=[[0, 0, 1, 1]])

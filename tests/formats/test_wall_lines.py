@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Dataset
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
 from elvis.core.distances import nearest, surface_of
 from elvis.core.distances.boundaries import ALL
-from elvis.core.errors import ElvisError
 from elvis.core.mapping import pointwise
 from elvis.core.shapes import Shape
 from elvis.core.streamlines.course import Course, Flow
-from elvis.core.streamlines.line_pieces import curves
+from elvis.core.streamlines.lines.pieces import curves
 from elvis.core.streamlines.streamlines import trace
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
 

@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.core import wall_points as wall_points_module
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
-from elvis.core.mesh import Composite
+from elvis.core.base.errors import ElvisError
+from elvis.core.critical import wall_points as wall_points_module
+from elvis.core.critical.wall_points import is_outer_wall, shared_wall_points, wall_points
+from elvis.core.data.dataset import Dataset
+from elvis.core.data.mesh import Composite
 from elvis.core.portions import Portion
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, grid, mixed_volume
 from elvis.core.testing.played_ranks import played
-from elvis.core.wall_points import is_outer_wall, shared_wall_points, wall_points
 
 
 def on_floor(mesh, speed=0.0):

@@ -132,7 +132,7 @@ def shared():
 
 def dataset(mesh, bend=0.05):
     """A small curved mesh with two fields."""
-    from elvis.core.dataset import Dataset
+    from elvis.core.data.dataset import Dataset
     from elvis.core.testing import approximated, curved, ripple
 
     whole = Dataset(curved(mesh, ripple(bend), 3))
@@ -375,16 +375,16 @@ def apart(path, part):
 
 
 def exported_vtu(whole, path):
-    from elvis.converters.exporting import exported
-    from elvis.converters.vtk_export import VtkTarget, write_vtu
+    from elvis.converters.shared.exporting import exported
+    from elvis.converters.vtk.export import VtkTarget, write_vtu
 
     write_vtu(path, exported(whole, None, None, VtkTarget()), whole.time)
     return path
 
 
 def exported_msh(whole, path):
-    from elvis.converters.exporting import exported
-    from elvis.converters.gmsh_export import GmshTarget, write_msh
+    from elvis.converters.gmsh.export import GmshTarget, write_msh
+    from elvis.converters.shared.exporting import exported
 
     with GmshTarget() as target:
         write_msh(path, exported(whole, None, None, target), whole.mesh, target, whole.time)
@@ -485,7 +485,7 @@ def others(folder):
     import trimesh
 
     from elvis.reference.record import CHANNELS
-    from elvis.scene.files import read_scene, write_scene
+    from elvis.scene.model.files import read_scene, write_scene
 
     (folder / "scene.toml").write_text(SCENE)
     scene = read_scene(folder / "scene.toml")

@@ -23,7 +23,7 @@ import numpy as np
 from crowded_arrays import ARRAYS, Files, Maker
 from large import BASE, outcome_of, run
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 

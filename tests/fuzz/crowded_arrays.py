@@ -14,7 +14,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 

@@ -35,7 +35,7 @@ from elvis import Dataset, Shape, write
 from elvis.core.files.output import write_text
 from elvis.core.testing import approximated, grid
 
-ELVIS = [sys.executable, "-c", "from elvis.plugins.command import main; main()"]
+ELVIS = [sys.executable, "-c", "from elvis.plugins.command.command import main; main()"]
 PLANE = ["--plane", "0.5,0.5,0.4:0.1,0.2,1", "--device", "reference"]
 SEEDS = ["--seeds", "line:0.1,0.1,0.1:0.9,0.9,0.9:5"]
 PICTURES = ["-o", "a.png", "-o", "a.npz", "-o", "a.exr", "--save-scene", "a.toml"]

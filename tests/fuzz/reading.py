@@ -9,7 +9,7 @@ import bridges
 
 @cache
 def _candidates():
-    from elvis.plugins.discovery import installed_converters
+    from elvis.plugins.conversion.discovery import installed_converters
 
     return [each for each in installed_converters() if not each.missing]
 
@@ -17,7 +17,7 @@ def _candidates():
 def evaluated(paths):
     """The data, read and evaluated in each element."""
     from elvis import read
-    from elvis.core.patch import patches
+    from elvis.core.mapping.patch import patches
     from elvis.core.polynomials.evaluation import evaluate
 
     dataset = read(*_given(paths))
@@ -40,8 +40,8 @@ def checked(paths):
 
 def converted(paths):
     """The data, converted by the converter that says it opens them."""
-    from elvis.plugins.converting import convert
-    from elvis.plugins.discovery import choose_converter, with_defaults
+    from elvis.plugins.conversion.converting import convert
+    from elvis.plugins.conversion.discovery import choose_converter, with_defaults
 
     given = _given(paths)
     converter = choose_converter(_candidates(), given).converter
@@ -52,7 +52,7 @@ def converted(paths):
 def opened(paths):
     """The fields of what a runtime plugin opens."""
     from elvis import ElvisError
-    from elvis.plugins.opening import open_files
+    from elvis.plugins.runtime.opening import open_files
 
     found = open_files(paths)
     if found is None:
@@ -63,7 +63,7 @@ def opened(paths):
 
 def staged(paths):
     """A scene."""
-    from elvis.scene.files import read_scene
+    from elvis.scene.model.files import read_scene
 
     read_scene(paths[0])
 
@@ -85,7 +85,7 @@ bridged_mfem = bridges.mfem
 
 def coloured(paths):
     """A colour map."""
-    from elvis.scene.palette import Palette
+    from elvis.scene.record.palette import Palette
 
     Palette.of_name(str(paths[0]), 0.0, 1.0)
 
@@ -102,7 +102,7 @@ def triangulated(paths):
 
 def placed(paths):
     """Points of a table."""
-    from elvis.core.queries import points_in_table
+    from elvis.core.numbers.queries import points_in_table
 
     points_in_table(paths[0])
 
@@ -122,7 +122,7 @@ def _given(paths):
 
 def _command(*arguments):
     """A command within this process; what it raises comes out as it is."""
-    from elvis.plugins.running import Settings, elvis
+    from elvis.plugins.command.running import Settings, elvis
 
     with open(os.devnull, "w") as nothing, redirect_stdout(nothing):
         elvis.main([str(each) for each in arguments], "elvis", standalone_mode=False, obj=Settings(debug=False))

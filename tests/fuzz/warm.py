@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
-from elvis.plugins.command import main
+from elvis.plugins.command.command import main
 
 #: packages of modules that forked processes inherit; slangpy and what starts threads is left out
 INHERITED = ("elvis", "numpy", "h5py", "PIL", "pydantic", "click", "rich", "yaml", "OpenEXR", "cmap", "aiohttp")

@@ -5,8 +5,8 @@ from typing import get_type_hints
 
 import pytest
 
+from elvis.scene.commandline.keywords import keywords
 from elvis.scene.commandline.other_programs import SAME
-from elvis.scene.keywords import keywords
 
 
 @pytest.fixture

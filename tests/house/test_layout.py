@@ -41,23 +41,25 @@ def test_every_area_has_its_page_and_its_types(root, area):
         assert (root / area / "elvis" / name / "py.typed").is_file()
 
 
-def base_names(paths):
-    """The names of modules and folders of an area; a module may bear the name of the folder that it stands in."""
-    folders = {folder for path in paths for folder in path.parents if len(folder.parts) > 3}
-    own = [path.stem for path in paths if path.stem not in ("__init__", path.parent.name)]
-    return own + [folder.name for folder in folders]
+def repeated_prefixes(paths):
+    """Modules named after their folder, and prefixes that three modules of a folder share: these are a folder."""
+    wrong, first = [], Counter()
+    for path in paths:
+        prefix, mark, _ = path.stem.partition("_")
+        if mark and prefix and prefix == path.parent.name:
+            wrong.append(path.as_posix())
+        first[path.parent, prefix] += bool(mark and prefix)
+    return wrong + [f"{folder}: {prefix}_" for (folder, prefix), count in first.items() if count > 2]
 
 
-@pytest.mark.parametrize("area", AREAS)
-def test_base_names_are_unique_in_an_area(root, module_paths, area):
-    paths = [path.relative_to(root) for path in module_paths]
-    names = base_names([path for path in paths if path.parts[0] == area])
-    assert [name for name, count in Counter(names).items() if count > 1] == []
+def test_a_prefix_is_a_folder(root, module_paths):
+    assert repeated_prefixes([path.relative_to(root) for path in module_paths]) == []
 
 
-def test_base_names_are_counted_with_folders():
-    paths = [Path("a/elvis/a/files/files.py"), Path("a/elvis/a/other/files.py"), Path("a/elvis/a/other/__init__.py")]
-    assert Counter(base_names(paths)) == {"files": 2, "other": 1}
+def test_prefixes_are_found():
+    paths = [Path("a/cgns/cgns_sides.py"), Path("a/cgns/cgns.py"), Path("a/two_x.py"), Path("a/two_y.py")]
+    assert repeated_prefixes(paths) == ["a/cgns/cgns_sides.py"]
+    assert repeated_prefixes([*paths, Path("a/two_z.py")]) == ["a/cgns/cgns_sides.py", "a: two_"]
 
 
 def test_modules_listed_as_long_exist(root):

@@ -63,7 +63,7 @@ def test_the_recipe_has_the_requirements_of_the_wheel(project):
 
 
 def test_the_oldest_slangpy_that_draws_is_one(project):
-    from elvis.renderer.drawing import OLDEST
+    from elvis.renderer.device.drawing import OLDEST
 
     assert project["optional-dependencies"]["draw"] == [f"slangpy>={OLDEST[0]}.{OLDEST[1]}"]
 

@@ -6,7 +6,7 @@ import runpy
 import pytest
 from page_blocks import DOCS, PAGES, ROOT, blocks, commands
 
-from elvis.scene.files import read_scene
+from elvis.scene.model.files import read_scene
 
 LINK = re.compile(r"\]\(([^)#:]+)\)")
 

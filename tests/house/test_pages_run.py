@@ -30,7 +30,7 @@ WITH_PYTHON = [page for page in PAGES if blocks(ROOT, page, "python")]
 @pytest.fixture
 def run_commands(page_folder, monkeypatch):
     """Small pictures and coarse lines will do, viewers end at once; what reads absent files of solvers is left out."""
-    from elvis.plugins.command import elvis
+    from elvis.plugins.command.command import elvis
 
     monkeypatch.syspath_prepend(ROOT / "examples")
 
@@ -76,7 +76,7 @@ def is_followed(option, value):
 
 def test_commands_of_the_readme_run_in_an_empty_folder(tmp_path, monkeypatch):
     """The first one writes the sample that the others read."""
-    from elvis.plugins.command import elvis
+    from elvis.plugins.command.command import elvis
 
     monkeypatch.chdir(tmp_path)
     every = commands("README.md")

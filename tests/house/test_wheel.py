@@ -69,7 +69,7 @@ def test_the_wheel_contains_nothing_else(wheel):
 
 
 def test_the_installed_modules_match_the_wheel(environment, tmp_path):
-    code = "import elvis.core.errors as e, elvis.plugins as p; print(e.__file__); print(p.__file__)"
+    code = "import elvis.core.base.errors as e, elvis.plugins as p; print(e.__file__); print(p.__file__)"
     for line in run([environment / "python", "-c", code], cwd=tmp_path).splitlines():
         assert line.startswith(str(environment.parent))
 
@@ -87,7 +87,7 @@ def test_every_command_shows_its_help(environment, tmp_path):
     names = [line.split()[0] for line in listing.partition("Commands:\n")[2].splitlines() if line[2:3].strip()]
     assert {"info", "norms", "probe", "plugins"} <= set(names)
     code = (
-        "import sys\nfrom elvis.plugins.command import elvis\n"
+        "import sys\nfrom elvis.plugins.command.command import elvis\n"
         "for name in sys.argv[1:]: elvis([name, '--help'], prog_name='elvis', standalone_mode=False)"
     )
     helped = run([environment / "python", "-c", code, *names], cwd=tmp_path)

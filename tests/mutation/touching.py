@@ -67,7 +67,7 @@ def pytest_unconfigure():
 
 def note_kernels():
     """Let kernels note the modules that they are linked from when they run."""
-    from elvis.renderer.device import Device, Kernel
+    from elvis.renderer.device.device import Device, Kernel
 
     link, run = Device._link, Kernel.__call__
 

@@ -20,7 +20,7 @@ from elvis.plugins.native.bending import BEYOND, changes, net_of_xi, rational_ch
 from elvis.plugins.native.polynomials import Net
 from elvis.plugins.native.regions import Neighbourhood
 from elvis.plugins.native.slopes import Polynomials, _Gradients
-from elvis.plugins.volume import boxes_between
+from elvis.plugins.runtime.volume import boxes_between
 
 COUNT = 40
 #: unit roundoff of the model: so coarse that its square counts

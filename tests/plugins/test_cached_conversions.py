@@ -15,10 +15,10 @@ from elvis.core.portions import Portion
 from elvis.core.quantities.needed import needed_fields
 from elvis.core.shapes import Shape
 from elvis.core.testing.played_ranks import played
-from elvis.plugins import kept_conversions
-from elvis.plugins.conversion import Converter, Elements, SourceField
-from elvis.plugins.converting import convert
-from elvis.plugins.kept_conversions import Work, load_or_convert, part_of_conversion
+from elvis.plugins.conversion import kept_conversions
+from elvis.plugins.conversion.converting import convert
+from elvis.plugins.conversion.kept_conversions import Work, load_or_convert, part_of_conversion
+from elvis.plugins.conversion.plugin import Converter, Elements, SourceField
 
 
 class Cubes(Converter):

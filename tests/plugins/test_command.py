@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from elvis.plugins.interrupts import Interrupts
+from elvis.plugins.command.interrupts import Interrupts
 
 MINIATURE = Path(__file__).parent / "miniature"
-ELVIS = [sys.executable, "-c", "from elvis.plugins.command import main; main()"]
+ELVIS = [sys.executable, "-c", "from elvis.plugins.command.command import main; main()"]
 
 
 @pytest.fixture
@@ -247,7 +247,7 @@ CLOSED = {0: "<&-", 1: ">&-", 2: "2>&-"}
 def test_closed_streams(elvis, tmp_path, closed, arguments):
     """What can't be said fails the command, and no file that it opens takes the place of a stream."""
     shell = f'"$@" {" ".join(CLOSED[number] for number in closed)}'
-    code = "import sys; from elvis.plugins.command import main; main()"
+    code = "import sys; from elvis.plugins.command.command import main; main()"
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(MINIATURE), *sys.path])}
     done = subprocess.run(
         ["sh", "-c", shell, "sh", sys.executable, "-c", code, *arguments],
@@ -316,7 +316,7 @@ def _read(leader):
 )
 def test_shells_complete_commands_options_and_names(words, offered):
     asked = {"COMP_WORDS": words, "COMP_CWORD": str(words.count(" ")), "_ELVIS_COMPLETE": "bash_complete"}
-    program = "from elvis.plugins.command import main; main()"
+    program = "from elvis.plugins.command.command import main; main()"
     environment = {**os.environ, **asked}
     done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
     assert {line.partition(",")[2] for line in done.stdout.splitlines() if line} == offered

@@ -5,7 +5,7 @@ import pytest
 
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
-from elvis.plugins.converting import Settings, convert
+from elvis.plugins.conversion.converting import Settings, convert
 from elvis.plugins.faces.derived import _deviation
 from elvis.plugins.faces.nets import face_space
 from elvis.plugins.testing import Analytic, AnalyticField

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from elvis import Dataset, Shape, integrate, sample
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 from elvis.core.quantities.jumps import jumps
 from elvis.core.testing import approximated, grid
-from elvis.plugins.arrays import from_arrays
-from elvis.plugins.continuous_fields import continuous, continuous_fields
+from elvis.plugins.conversion.arrays import from_arrays
+from elvis.plugins.transfers.continuous_fields import continuous, continuous_fields
 
 SQUARE = np.array([(0, 0), (1, 0), (0, 1), (1, 1)], np.float64)
 

@@ -8,12 +8,12 @@ import pytest
 from elvis import Basis, Shape, read, write
 from elvis.core.mapping.locate import locate
 from elvis.core.mapping.orientation import polygon_vertices
+from elvis.core.mapping.patch import patches
 from elvis.core.mapping.pointwise import values
-from elvis.core.patch import patches
 from elvis.core.testing import grid, mixed_plane, mixed_volume
-from elvis.plugins import converting
-from elvis.plugins.conversion import PyramidSpace
-from elvis.plugins.converting import Settings, convert
+from elvis.plugins.conversion import converting
+from elvis.plugins.conversion.converting import Settings, convert
+from elvis.plugins.conversion.plugin import PyramidSpace
 from elvis.plugins.projection import choosing
 from elvis.plugins.projection.traces import Traces
 from elvis.plugins.testing import Analytic, AnalyticField, values_found

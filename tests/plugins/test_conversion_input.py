@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from elvis import ElvisError, Shape
-from elvis.core.mesh import NON_CONFORMING
+from elvis.core.data.mesh import NON_CONFORMING
 from elvis.core.testing import grid, mixed_volume, one_element
-from elvis.plugins.conversion import Boundary, Converter, Elements, SourceField
-from elvis.plugins.converting import Settings, convert
+from elvis.plugins.conversion.converting import Settings, convert
+from elvis.plugins.conversion.plugin import Boundary, Converter, Elements, SourceField
 from elvis.plugins.testing import Analytic, AnalyticField
 
 

@@ -8,8 +8,8 @@ import numpy as np
 from elvis.core.mapping.orientation import local_vertices
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
-from elvis.plugins.conversion import Converter, Elements, SourceField
-from elvis.plugins.converting import convert
+from elvis.plugins.conversion.converting import convert
+from elvis.plugins.conversion.plugin import Converter, Elements, SourceField
 
 #: peak memory over the arrays of the result
 LIMIT = 5.0

@@ -8,15 +8,15 @@ import pytest
 import vtk_writer
 
 from elvis import Dataset, ElvisError, Shape, deform, integrate, read, render, sample
-from elvis.converters.vtk_cells import LAGRANGE, Cell, Kind
-from elvis.core.dataset import Block, Expansion, Field
-from elvis.core.deforming import _free, undeformed
-from elvis.core.geometry import geometry
+from elvis.converters.vtk.cells import LAGRANGE, Cell, Kind
+from elvis.core.data.dataset import Block, Expansion, Field
+from elvis.core.deformed.deforming import _free, undeformed
+from elvis.core.mapping.geometry import geometry
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.polynomials.expansion import mode_count
 from elvis.core.quantities import Expression
-from elvis.core.quantities.element_points import Lattice
+from elvis.core.quantities.elements.points import Lattice
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.testing import approximated, curved, grid, ripple, scattered
 

@@ -5,15 +5,15 @@ import pytest
 import trimesh
 
 from elvis import Camera, Dataset, Isosurface, Scene, Status, render
+from elvis.core.base.errors import ElvisError
 from elvis.core.distances import nearest, surface_of
-from elvis.core.errors import ElvisError
-from elvis.core.geometry import geometry
+from elvis.core.mapping.geometry import geometry
 from elvis.core.quantities import Expression
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.functions import FUNCTIONS, OPERATORS
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple, scattered
-from elvis.plugins.serving import volume_of
+from elvis.plugins.runtime.serving import volume_of
 
 #: of the largest magnitude
 VALUE, UNIT = 1e-12, 1e-9

@@ -5,16 +5,16 @@ import itertools
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
 from elvis.core.integrals import integrate
-from elvis.core.norms import quantity_norms
+from elvis.core.numbers.norms import quantity_norms
 from elvis.core.polynomials.quadrature import lobatto
 from elvis.core.quantities import Expression
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid
-from elvis.plugins.arrays import from_arrays
-from elvis.plugins.extruded_mean import extruded_mean
+from elvis.plugins.conversion.arrays import from_arrays
+from elvis.plugins.means.extruded_mean import extruded_mean
 
 ORDER = 4
 #: the 24 rotations of a cube, as order and direction of axes

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Dataset, Field
-from elvis.core.errors import ElvisError
-from elvis.core.geometry import geometry
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset, Field
+from elvis.core.mapping.geometry import geometry
 from elvis.core.mapping.margins import margins
 from elvis.core.polynomials.bernstein import bernstein_values
 from elvis.core.polynomials.expansion import values

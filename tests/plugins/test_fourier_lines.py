@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from elvis import Dataset, Faces, Field, Plane, Scene, SceneError, read, render
-from elvis.core.dataset import Block, Homogeneous
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Block, Homogeneous
 from elvis.core.polynomials.bases import Basis
 from elvis.core.quantities import Expression
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, grid
 from elvis.plugins.faces import faces_of
-from elvis.plugins.serving import volume_of
+from elvis.plugins.runtime.serving import volume_of
 from elvis.plugins.testing import check_volume
-from elvis.renderer.completing import completed
+from elvis.renderer.asking.completing import completed
 
 IDS = ((0, 0), (2, 1), (1, 2), (3, 3))
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from elvis import Dataset
-from elvis.core.dataset import Block, Homogeneous
+from elvis.core.data.dataset import Block, Homogeneous
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.evaluation import evaluate_at_with_gradients
 from elvis.core.shapes import Shape

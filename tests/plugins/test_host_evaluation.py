@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from elvis import CutSurface, Faces, Isosurface, Plane, Scene, Sphere, Status
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 from elvis.core.mapping.inverse import Status as Inversion
 from elvis.core.mapping.margins import drawn_in
 from elvis.core.quantities import Expression
@@ -16,16 +16,21 @@ from elvis.core.shapes import Shape
 from elvis.core.testing import scattered
 from elvis.plugins.faces import faces_of
 from elvis.plugins.fourier import FourierBox, write_box
-from elvis.plugins.host_evaluation import HostEvaluation, evaluate_expression, host_evaluations, numerical_derivatives
-from elvis.plugins.host_patch import HostPatch
-from elvis.plugins.host_quality import host_quality
 from elvis.plugins.nurbs import Nurbs
-from elvis.plugins.opening import PluginData
-from elvis.plugins.serving import names_of, volume_of
-from elvis.plugins.volume import Part, PartsVolume
+from elvis.plugins.runtime.host.evaluation import (
+    HostEvaluation,
+    evaluate_expression,
+    host_evaluations,
+    numerical_derivatives,
+)
+from elvis.plugins.runtime.host.patch import HostPatch
+from elvis.plugins.runtime.host.quality import host_quality
+from elvis.plugins.runtime.opening import PluginData
+from elvis.plugins.runtime.serving import names_of, volume_of
+from elvis.plugins.runtime.volume import Part, PartsVolume
 from elvis.reference.locating import Locator
 from elvis.reference.picture import render as render_reference
-from elvis.scene.quantities import quantities
+from elvis.scene.model.quantities import quantities
 
 MFEM = Path(__file__).resolve().parents[3] / "shared" / "data" / "solvers" / "mfem"
 FIELD, PLACE = 1e-11, 1e-10

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elvis.plugins.joining import join_fields
-from elvis.plugins.opening import PluginData
-from elvis.plugins.serving import volume_of
-from elvis.plugins.source import VolumeSource
-from elvis.plugins.volume import PartsVolume, basis_part, boxes_between
+from elvis.plugins.runtime.joining import join_fields
+from elvis.plugins.runtime.opening import PluginData
+from elvis.plugins.runtime.serving import volume_of
+from elvis.plugins.runtime.source import VolumeSource
+from elvis.plugins.runtime.volume import PartsVolume, basis_part, boxes_between
 
 #: names that begin with the name of a global are other names
 MODULE = """module scaled;

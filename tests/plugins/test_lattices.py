@@ -9,7 +9,7 @@ import pytest
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, with_field
 from elvis.plugins.native import NativeVolume
-from elvis.renderer.device_volume import DeviceVolume
+from elvis.renderer.volume.device_volume import DeviceVolume
 
 NODES = np.cos(np.pi * np.arange(1, 18, 2) / 18)
 CHECK = Path(__file__).parent / "shaders" / "lattice_check.slang"

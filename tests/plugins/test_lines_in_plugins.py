@@ -4,20 +4,20 @@ import numpy as np
 import pytest
 
 from elvis import Camera, Glyphs, Scene, Status, Streamlines, render
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
 from elvis.core.mapping import pointwise
-from elvis.core.patch import patches
+from elvis.core.mapping.patch import patches
 from elvis.core.shapes import Shape
 from elvis.core.streamlines import trace
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
 from elvis.plugins.fourier import FourierBox, write_box
-from elvis.plugins.host_flow import HostFlow
-from elvis.plugins.opening import PluginData
-from elvis.plugins.source import VolumeSource
-from elvis.plugins.volume import Part, PartsVolume, boxes_between, interface_folder
+from elvis.plugins.runtime.host.flow import HostFlow
+from elvis.plugins.runtime.opening import PluginData
+from elvis.plugins.runtime.source import VolumeSource
+from elvis.plugins.runtime.volume import Part, PartsVolume, boxes_between, interface_folder
 from elvis.reference.picture import render as render_reference
-from elvis.scene.flow import curves_in
+from elvis.scene.flow.flow import curves_in
 
 ROTATION = {"u": lambda p: 0.5 - p[:, 1], "v": lambda p: p[:, 0] - 0.5, "w": lambda p: np.full(len(p), 0.001)}
 

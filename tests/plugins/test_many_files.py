@@ -7,9 +7,9 @@ from PIL import Image
 
 from elvis import Dataset, Shape, read, write
 from elvis.core.testing import approximated, grid
-from elvis.plugins.command import elvis
-from elvis.plugins.report import Measure, RecordedReport, Report
-from elvis.plugins.running import Settings
+from elvis.plugins.command.command import elvis
+from elvis.plugins.command.running import Settings
+from elvis.plugins.conversion.report import Measure, RecordedReport, Report
 
 
 @pytest.fixture

@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.converters.unit import UNIT, lattice, unit_basis
+from elvis.converters.shared.unit import UNIT, lattice, unit_basis
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.shapes import Shape
-from elvis.plugins.conversion import Elements
-from elvis.plugins.nodal import (
+from elvis.plugins.conversion.nodal import (
     NodalBlock,
     NodalConverter,
     NodalValues,
@@ -21,6 +20,7 @@ from elvis.plugins.nodal import (
     order_of_space,
     space_size,
 )
+from elvis.plugins.conversion.plugin import Elements
 
 SHAPES = [shape for shape in Shape if shape.dimension]
 
@@ -156,7 +156,7 @@ def test_tables_of_a_few_points_are_cached(monkeypatch):
     functions.at(others)
     assert np.shares_memory(functions.at(np.array(some)), table)
     assert not np.shares_memory(functions.at(others), table)
-    monkeypatch.setattr("elvis.plugins.nodal._MOST_KEPT", table.size)
+    monkeypatch.setattr("elvis.plugins.conversion.nodal._MOST_KEPT", table.size)
     functions.at(inside(Shape.TRIANGLE, 8))
     assert not np.shares_memory(functions.at(some), table)
     assert (functions.at(some) == table).all()

@@ -7,7 +7,7 @@ from elvis import Shape
 from elvis.core.mapping.connectivity import connected
 from elvis.core.mapping.orientation import local_vertices
 from elvis.core.testing import grid, mixed_volume
-from elvis.plugins.converting import convert
+from elvis.plugins.conversion.converting import convert
 from elvis.plugins.projection.frames import MIRRORED, PROPER, affine, source_points
 from elvis.plugins.projection.numbering import TRIANGLES, Corners, chosen_orders, conflicting_elements, ranks
 from elvis.plugins.projection.vertices import clusters, connected_labels, merge_vertices, merging_tolerance, neighbours

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from archives import arrays_of
 
-from elvis.core.errors import FormatError
+from elvis.core.base.errors import FormatError
 from elvis.plugins.faces import faces_of
 from elvis.plugins.nurbs import Nurbs
 from elvis.plugins.nurbs.inversion import Solver

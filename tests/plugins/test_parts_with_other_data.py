@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from elvis import Dataset, Shape, write
-from elvis.core.norms import quantity_norms
+from elvis.core.numbers.norms import quantity_norms
 from elvis.core.portions import unite
 from elvis.core.portions.borrowing import borrowing
 from elvis.core.quantities import Expression
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
 from elvis.core.testing.played_ranks import played
-from elvis.plugins.data import Reading, open_data, open_part
+from elvis.plugins.data.data import Reading, open_data, open_part
 
 
 @pytest.fixture(scope="module")

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from elvis import Dataset, ElvisError, Shape, at_phase, deform, sample
-from elvis.core.complex_fields import ComplexChoice, cosine_and_sine, missing_components, pairs_in
-from elvis.core.conversion_errors import REPORT, ConversionErrors
+from elvis.core.data.complex_fields import ComplexChoice, cosine_and_sine, missing_components, pairs_in
+from elvis.core.data.conversion_errors import REPORT, ConversionErrors
 from elvis.core.quantities import Expression, Names
 from elvis.core.testing import approximated, grid
-from elvis.plugins.added_quantities import recorded_facts
-from elvis.plugins.phases import with_complexes, without_phase
+from elvis.plugins.data.added_quantities import recorded_facts
+from elvis.plugins.data.phases import with_complexes, without_phase
 
 #: complex functions whose parts are in the spaces below
 WAVES = {

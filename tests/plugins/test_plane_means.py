@@ -7,12 +7,12 @@ import pytest
 from click.testing import CliRunner
 
 from elvis.converters.commands.average import average
-from elvis.core.dataset import Block, Dataset, Field, Homogeneous
+from elvis.core.data.dataset import Block, Dataset, Field, Homogeneous
 from elvis.core.polynomials.bases import Basis
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, grid, with_field
 from elvis.formats.writing import write
-from elvis.plugins.plane_means import plane_means
+from elvis.plugins.means.plane_means import plane_means
 
 
 @pytest.mark.parametrize("axis", "xyz")

@@ -6,8 +6,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Dataset
-from elvis.core.patch import patches
+from elvis.core.data.dataset import Dataset
+from elvis.core.mapping.patch import patches
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values
 from elvis.core.polynomials.rounding import UNIT
 from elvis.core.quantities import Expression, Names

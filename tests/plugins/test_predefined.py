@@ -9,12 +9,12 @@ import sympy
 
 from elvis import Dataset
 from elvis.core.mapping.projections import rule
-from elvis.core.mesh_quality import mesh_quality
+from elvis.core.numbers.mesh_quality import mesh_quality
 from elvis.core.quantities import Expression
 from elvis.core.quantities.evaluator import Evaluator, Sampler
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, scattered
-from elvis.plugins.serving import volume_of
+from elvis.plugins.runtime.serving import volume_of
 
 X = sympy.symbols("x y z")
 #: a vortex whose middle eigenvalues are apart, of second degree in the world

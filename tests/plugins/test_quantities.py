@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from elvis import Dataset, Plane, read, render
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 from elvis.core.quantities import Expression
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.tree import world_derivative
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, scattered
-from elvis.plugins.opening import PluginData
-from elvis.plugins.serving import volume_of
+from elvis.plugins.runtime.opening import PluginData
+from elvis.plugins.runtime.serving import volume_of
 
 NEKTAR = Path(__file__).resolve().parents[3] / "shared" / "data" / "nektar"
 #: of the largest magnitude

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from elvis import Dataset, ElvisError, Reference, Scene, Shape, integrate, read, render, with_quantity, write
 from elvis.core.quantities import Expression, Names
 from elvis.core.testing import approximated, grid
-from elvis.plugins.command import elvis
+from elvis.plugins.command.command import elvis
 
 CONDITIONS = "<CONDITIONS><PARAMETERS><P> Re = 50 </P><P> Kinvis = 1/Re </P></PARAMETERS></CONDITIONS>"
 

@@ -1,7 +1,7 @@
 import pytest
 
-from elvis.plugins import registry
-from elvis.plugins.registry import PluginError
+from elvis.plugins.command import registry
+from elvis.plugins.command.registry import PluginError
 
 
 @pytest.fixture(autouse=True)

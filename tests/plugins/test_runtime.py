@@ -7,8 +7,8 @@ import pytest
 from archives import arrays_of
 
 from elvis import Camera, Dataset, Plane, Scene, read, render
-from elvis.core.dataset import Homogeneous
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Homogeneous
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.factors import fourier
 from elvis.core.quantities.functions import FUNCTIONS
@@ -18,8 +18,8 @@ from elvis.plugins.fourier.box import BASES
 from elvis.plugins.native.waves import waves
 from elvis.plugins.nurbs import Nurbs
 from elvis.plugins.nurbs.knots import KnotVector
-from elvis.plugins.opening import PluginData
-from elvis.plugins.serving import volume_of
+from elvis.plugins.runtime.opening import PluginData
+from elvis.plugins.runtime.serving import volume_of
 from elvis.plugins.testing import check_volume, values_found
 
 MFEM = Path(__file__).resolve().parents[3] / "shared" / "data" / "solvers" / "mfem"

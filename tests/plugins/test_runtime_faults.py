@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from elvis import DeviceError, Plane, render
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 from elvis.core.shapes import Shape
-from elvis.plugins import opening
+from elvis.plugins.command.registry import PluginError
 from elvis.plugins.faces import faces_of
-from elvis.plugins.opening import PluginData, open_files
-from elvis.plugins.registry import PluginError
-from elvis.plugins.source import VolumeSource
+from elvis.plugins.runtime import opening
+from elvis.plugins.runtime.opening import PluginData, open_files
+from elvis.plugins.runtime.source import VolumeSource
+from elvis.plugins.runtime.volume import PartsVolume, basis_part, boxes_between
 from elvis.plugins.testing import check_volume
-from elvis.plugins.volume import PartsVolume, basis_part, boxes_between
 
 MODULE = """module cubes;
 import differentiated;
@@ -255,7 +255,7 @@ def test_plugins_that_do_not_load_do_not_affect_others(miniature):
     ("text", "sentence"),
     [
         ("import nothing_at_all", "does not load: ModuleNotFoundError"),
-        ("x = 1", "expected one subclass of elvis.plugins.source.VolumeSource, found 0"),
+        ("x = 1", "expected one subclass of elvis.plugins.runtime.source.VolumeSource, found 0"),
     ],
 )
 def test_a_file_without_a_plugin_is_rejected(opened, tmp_path, text, sentence):
@@ -271,7 +271,7 @@ def test_the_command_shows_file_and_line_of_a_compile_error(tmp_path):
     source = own[own.index("class Cubes") : own.index("@pytest.fixture")]
     imports = [line for line in own.splitlines() if line.startswith(("import numpy", "from"))]
     (tmp_path / "mine.py").write_text("\n".join(imports) + "\n" + source.replace("Path()", "Path(__file__).parent"))
-    command = "from elvis.plugins.command import main; main()"
+    command = "from elvis.plugins.command.command import main; main()"
     arguments = ["render", "mine.py", "--plugin", "mine.py", "--plane", "0,0,0.5:0,0,1", "-o", "p.png"]
     process = subprocess.run(
         [sys.executable, "-c", command, *arguments, "--device", "cpu"], cwd=tmp_path, capture_output=True, text=True

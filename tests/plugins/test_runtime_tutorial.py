@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 
 from elvis import Faces, Scene
-from elvis.plugins.opening import PluginData, plugin_named
-from elvis.plugins.source import VolumeSource
+from elvis.plugins.runtime.opening import PluginData, plugin_named
+from elvis.plugins.runtime.source import VolumeSource
+from elvis.plugins.runtime.volume import interface_folder
 from elvis.plugins.testing import check_volume
-from elvis.plugins.volume import interface_folder
 from elvis.reference.picture import render as render_reference
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "howto" / "runtime-plugin.md"
 SECTORS = np.array([[1, 2, a, a + np.pi / 3, 0, 1] for a in np.arange(6) * np.pi / 3])
-ELVIS = [sys.executable, "-c", "from elvis.plugins.command import main; main()"]
+ELVIS = [sys.executable, "-c", "from elvis.plugins.command.command import main; main()"]
 
 
 def section():

@@ -5,11 +5,11 @@ import pytest
 from click.testing import CliRunner
 
 from elvis import integrate, read
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 from elvis.core.wall_curves import wall_curves
-from elvis.plugins.further_samples import CIRCULATION, cylinder
-from elvis.plugins.sample import NAMES, sample, write_sample
-from elvis.plugins.sample_data import ANGLE, SPAN, SQUARE, SWEEP, TIP, wing
+from elvis.plugins.samples.further_samples import CIRCULATION, cylinder
+from elvis.plugins.samples.sample import NAMES, sample, write_sample
+from elvis.plugins.samples.sample_data import ANGLE, SPAN, SQUARE, SWEEP, TIP, wing
 
 
 @pytest.fixture(scope="module")

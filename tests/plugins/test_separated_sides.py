@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from elvis import Dataset, Shape, boundary_data, deform, integrate, sample, trace
-from elvis.core.dataset import Field
-from elvis.core.deforming import undeformed
+from elvis.core.data.dataset import Field
+from elvis.core.data.mesh import Composite
+from elvis.core.deformed.deforming import undeformed
 from elvis.core.interfaces.interface_composites import with_interfaces
 from elvis.core.mapping.connectivity import connected
-from elvis.core.mesh import Composite
 from elvis.core.testing import approximated, grid, mixed_volume
 from elvis.plugins.faces import faces_of
-from elvis.plugins.serving import volume_of
+from elvis.plugins.runtime.serving import volume_of
 
 SOLIDS = [shape for shape in Shape if shape.dimension == 3]
 GAP = 0.5

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from elvis.core.data.mesh import Mesh
 from elvis.core.mapping.orientation import first_face_row, polygon_vertices
-from elvis.core.mesh import Mesh
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid, mixed_plane, mixed_volume
-from elvis.plugins.conversion import Boundary
-from elvis.plugins.converting import convert
+from elvis.plugins.conversion.converting import convert
+from elvis.plugins.conversion.plugin import Boundary
 from elvis.plugins.projection import sides
 from elvis.plugins.projection.sides import Sides
 from elvis.plugins.testing import Analytic

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Dataset
+from elvis.core.data.dataset import Dataset
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.rounding import UNIT
 from elvis.core.quantities import Expression

@@ -7,15 +7,15 @@ import pytest
 from click.testing import CliRunner
 
 from elvis import Dataset, Shape, deform, read, sample, write
-from elvis.core.complex_fields import ComplexChoice
-from elvis.core.deformation import Deformation
-from elvis.core.geometry import geometry
-from elvis.core.moments import Moment
+from elvis.core.data.complex_fields import ComplexChoice
+from elvis.core.data.moments import Moment
+from elvis.core.deformed.deformation import Deformation
+from elvis.core.mapping.geometry import geometry
 from elvis.core.testing import approximated, grid
 from elvis.core.testing.played_ranks import played
-from elvis.plugins.command import elvis as group
-from elvis.plugins.data import Reading, dataset_of, part_of
-from elvis.plugins.phases import at_phase
+from elvis.plugins.command.command import elvis as group
+from elvis.plugins.data.data import Reading, dataset_of, part_of
+from elvis.plugins.data.phases import at_phase
 
 FUNCTIONS = {"E_re": lambda x: 0.1 * x[:, 1] ** 2, "E_im": lambda x: 0.2 * x[:, 0], "p": lambda x: x[:, 0] * x[:, 1]}
 #: the displacement is the real part of E exp(i phase), and its double

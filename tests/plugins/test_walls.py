@@ -8,11 +8,11 @@ import pytest
 from elvis import Dataset
 from elvis.core.mapping.pointwise import positions
 from elvis.core.quantities import Expression
-from elvis.core.quantities.element_sides import NEAR, places_on_sides
+from elvis.core.quantities.elements.sides import NEAR, places_on_sides
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple
-from elvis.plugins.serving import volume_of
+from elvis.plugins.runtime.serving import volume_of
 
 VISCOSITY, RADIUS = 0.04, 2.0
 

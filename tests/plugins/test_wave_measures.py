@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elvis.plugins.report import Measure
-from elvis.plugins.wave_quantities import WAVE_ROUNDING, joined_measure
+from elvis.plugins.conversion.report import Measure
+from elvis.plugins.fourier.quantities import WAVE_ROUNDING, joined_measure
 
 PLANES = [
     Measure("u@0", 3, 1e-3, 2e-4, 1.0, 2.0, 1e-16, 5, False, True, 7.0),

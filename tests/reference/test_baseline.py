@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from elvis import Camera, Dataset, Plane, Scene
-from elvis.core.cutting import template
+from elvis.core.mapping.cutting import template
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
 from elvis.reference.baseline.linear_drawing import Baseline, affordable
@@ -18,7 +18,7 @@ from elvis.reference.picture import render
 from elvis.reference.quantities import Quantities, names_of
 from elvis.reference.record import Record
 from elvis.scene import Clip, CutSurface, Faces, Implicit, Isosurface, Sphere, Transfer, VolumeRendering
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
 
 SOLIDS = Shape.of_dimension(3)
 SHAPES = [*Shape.of_dimension(2), *SOLIDS]

@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from elvis import Plane, Scene
-from elvis.plugins.command import main
+from elvis.plugins.command.command import main
 from elvis.reference.commands.compare import compare
 from elvis.reference.picture import render
 from elvis.reference.record import Record

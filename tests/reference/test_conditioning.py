@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from elvis import Camera, CutSurface, Isosurface, Plane, Scene, Status
-from elvis.core.dataset import Block, Dataset, Field
+from elvis.core.data.dataset import Block, Dataset, Field
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid, with_field
 from elvis.reference.picture import render

@@ -11,7 +11,7 @@ from elvis.core.testing import curved, grid, with_field
 from elvis.reference.picture import render
 from elvis.reference.scenes.contour_search import LineSegments, Place, _shares, _solve, _whole_where_unsolved
 from elvis.reference.scenes.equations import Linear
-from elvis.renderer.completing import completed
+from elvis.renderer.asking.completing import completed
 
 SIZE = (48, 40)
 PLANE = Plane((0.5, 0.5, 0.52), (0.0, 0.0, 1.0))

@@ -6,8 +6,8 @@ import sys
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Dataset
-from elvis.core.patch import patches
+from elvis.core.data.dataset import Dataset
+from elvis.core.mapping.patch import patches
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid
 from elvis.reference.baseline.deviations import (

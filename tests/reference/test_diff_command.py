@@ -9,11 +9,11 @@ from click.testing import CliRunner
 from PIL import Image
 
 from elvis import write
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, grid
-from elvis.plugins.command import elvis as group
+from elvis.plugins.command.command import elvis as group
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from elvis import Camera, Faces, Isosurface, Scene, Status
-from elvis.core.dataset import Dataset
+from elvis.core.data.dataset import Dataset
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, with_field
 from elvis.reference.picture import render

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Dataset
+from elvis.core.data.dataset import Dataset
 from elvis.core.mapping.inverse import Status
 from elvis.core.mapping.locate import Locator as CoreLocator
 from elvis.core.mapping.margins import margins
+from elvis.core.mapping.patch import patches
 from elvis.core.mapping.pointwise import positions
-from elvis.core.patch import patches
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, mixed_plane, mixed_volume, one_element, ripple, scattered
 from elvis.reference import inversion, locating

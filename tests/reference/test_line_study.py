@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Dataset
+from elvis.core.data.dataset import Dataset
 from elvis.core.shapes import Shape
 from elvis.core.streamlines.course import Course, Flow
 from elvis.core.testing import approximated, curved, grid, mixed_plane, ripple

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from elvis import Dataset, Shape
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 from elvis.core.testing import approximated, curved, grid, ripple
 from elvis.reference.baseline import linear_drawing
 from elvis.reference.composing import record
@@ -27,7 +27,7 @@ from elvis.scene import (
     Transfer,
     VolumeRendering,
 )
-from elvis.scene.frame import whole
+from elvis.scene.record.frame import whole
 
 OBJECTS = (Faces(("all",)), CutSurface(Plane((0.5, 0.5, 0.4), (0.1, 0.2, 1.0))))
 SCENE = Scene("u", objects=OBJECTS[1:], camera="iso", size=(40, 30))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from elvis import Camera, Dataset, Plane
-from elvis.core.errors import ElvisError, FormatError
+from elvis.core.base.errors import ElvisError, FormatError
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, grid
 from elvis.reference.baseline.distances import surface_distance, topology
@@ -18,7 +18,7 @@ from elvis.reference.quantities import Quantities
 from elvis.reference.record import CHANNELS, Record
 from elvis.reference.tolerances import check_tolerances
 from elvis.scene import Isosurface
-from elvis.scene.view import PlaneView
+from elvis.scene.cameras.view import PlaneView
 
 PARALLEL = Camera((0.5, 0.5, 3.0), (0.5, 0.5, 0.0), (0.0, 1.0, 0.0), height=1.2)
 NEAR = Camera((0.4, -1.0, 2.0), (0.5, 0.5, 0.0), fov=40.0)

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 from elvis import Camera, Plane, Scene, SceneError, Status
-from elvis.core.dataset import Block, Dataset, Field
-from elvis.core.errors import ElvisError
-from elvis.core.geometry import geometry
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Block, Dataset, Field
+from elvis.core.mapping.geometry import geometry
 from elvis.core.mapping.locate import Locator
 from elvis.core.mapping.margins import TOLERANCE
-from elvis.core.patch import patches
+from elvis.core.mapping.patch import patches
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, one_element, ripple
 from elvis.formats.reading import read
-from elvis.plugins.registry import load
+from elvis.plugins.command.registry import load
 from elvis.reference import places
 from elvis.reference.picture import render
 from elvis.reference.places import owners

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from elvis import Plane, Scene, Transfer, VolumeRendering
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 from elvis.reference.picture import render
 from elvis.reference.record import Record
 from elvis.reference.report.conclusion import conclusion

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from elvis import Plane, Scene
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 from elvis.core.files import replacement
 from elvis.reference.picture import render
 from elvis.reference.record import Record

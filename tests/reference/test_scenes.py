@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from elvis import Camera, Dataset, Plane, Scene, Status
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple, with_field
 from elvis.core.testing.meshes import connected

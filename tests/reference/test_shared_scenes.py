@@ -8,8 +8,8 @@ import pytest
 
 from elvis import Scene
 from elvis import render as draw
+from elvis.core.mapping.patch import patches
 from elvis.core.mapping.pointwise import positions, values
-from elvis.core.patch import patches
 from elvis.formats.reading import read
 from elvis.reference.picture import render
 from elvis.reference.record import Record

@@ -7,8 +7,8 @@ import pytest
 import trimesh
 
 from elvis import Camera, Dataset, Plane, Scene
-from elvis.core.cutting import drawn_out, template
-from elvis.core.dataset import Homogeneous
+from elvis.core.data.dataset import Homogeneous
+from elvis.core.mapping.cutting import drawn_out, template
 from elvis.core.polynomials.bases import Basis
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple

@@ -8,9 +8,10 @@ from elvis.core.shapes import Shape
 from elvis.core.testing import grid, with_field
 from elvis.reference import places
 from elvis.reference.picture import render
-from elvis.renderer.completing import completed
-from elvis.scene import Camera, Contours, CutSurface, Faces, Isosurface, Plane, Scene, Sphere, Style, time_limit
-from elvis.scene.errors import SceneError
+from elvis.renderer.asking.completing import completed
+from elvis.scene import Camera, Contours, CutSurface, Faces, Isosurface, Plane, Scene, Sphere, Style
+from elvis.scene.model import time_limit
+from elvis.scene.model.errors import SceneError
 
 PLANE = Plane((0.5, 0.5, 0.52), (0.0, 0.0, 1.0))
 CAMERA = Camera((2.5, -1.5, 3.0), (0.5, 0.5, 0.5), height=1.2)

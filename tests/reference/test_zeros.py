@@ -8,7 +8,7 @@ from numpy.polynomial import chebyshev
 
 from elvis import Camera, Scene, Status
 from elvis.core.mapping.locate import Locator
-from elvis.core.patch import patches
+from elvis.core.mapping.patch import patches
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, ripple, with_field
 from elvis.reference.picture import render
@@ -19,7 +19,7 @@ from elvis.reference.scenes.rasters import on_screen
 from elvis.reference.scenes.zeros import zeros
 from elvis.reference.solids import map_points, margins_of
 from elvis.scene import Isosurface, Style
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
 
 DIGITS = 1e-14
 NEAR = Camera((2.2, -1.7, 1.9), (0.5, 0.5, 0.5), fov=28.0)

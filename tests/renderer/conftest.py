@@ -8,21 +8,21 @@ import pytest
 from kernel_functions import KernelFunctions
 
 from elvis import Scene, Status
-from elvis.core.dataset import Block, Dataset, Field
-from elvis.core.geometry import geometry
+from elvis.core.bounds.ranges import field_range
+from elvis.core.data.dataset import Block, Dataset, Field
+from elvis.core.mapping.geometry import geometry
 from elvis.core.mapping.margins import margins
-from elvis.core.ranges import field_range
 from elvis.formats.reading import read
 from elvis.plugins.faces import faces_of
-from elvis.plugins.serving import volume_of
+from elvis.plugins.runtime.serving import volume_of
 from elvis.reference.picture import render as render_reference
-from elvis.renderer.completing import completed
-from elvis.renderer.compositing import FragmentLists
-from elvis.renderer.device_volume import DeviceVolume
+from elvis.renderer.asking.completing import completed
 from elvis.renderer.passes.faces.faces import FaceDrawer
 from elvis.renderer.passes.volume.media import Medium
-from elvis.renderer.passes.volume.volume_rendering import VolumeRenderer
-from elvis.scene.quantities import quantities
+from elvis.renderer.passes.volume.rendering import VolumeRenderer
+from elvis.renderer.raster.compositing import FragmentLists
+from elvis.renderer.volume.device_volume import DeviceVolume
+from elvis.scene.model.quantities import quantities
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "nektar"
 #: nearer to the border of an element than this, neighbours may hold a point

@@ -19,15 +19,16 @@ from elvis import Camera, Dataset, ElvisError, Renderer, Scene, render, write
 from elvis.core.shapes import Shape
 from elvis.core.testing.fields import approximated
 from elvis.core.testing.meshes import grid
-from elvis.plugins import workers
-from elvis.plugins.command import elvis as group
+from elvis.plugins.command import workers
+from elvis.plugins.command.command import elvis as group
 from elvis.plugins.series.series import Series
-from elvis.renderer import film_workers, series_range
-from elvis.renderer.animation import Film, orbited
-from elvis.renderer.motions import Key
-from elvis.renderer.rendering import Pictures
-from elvis.scene.errors import AbsentError, SceneError
-from elvis.scene.view import fit_camera, named_camera
+from elvis.renderer.asking import series_range
+from elvis.renderer.film import workers as film_workers
+from elvis.renderer.film.animation import Film, orbited
+from elvis.renderer.film.motions import Key
+from elvis.renderer.frame.rendering import Pictures
+from elvis.scene.cameras.view import fit_camera, named_camera
+from elvis.scene.model.errors import AbsentError, SceneError
 
 SIZE = ("--size", "8x6", "--plain")
 FAST = (*SIZE, "--device", "reference")
@@ -71,7 +72,7 @@ def drawn(monkeypatch):
         scenes.append(scene)
         return Sketch(scene)
 
-    monkeypatch.setattr("elvis.renderer.animation.Pictures.draw", draw)
+    monkeypatch.setattr("elvis.renderer.film.animation.Pictures.draw", draw)
     return scenes
 
 

@@ -9,9 +9,9 @@ import pytest
 
 from elvis import Dataset, Shape, write
 from elvis.core.testing import approximated, grid
-from elvis.renderer import announcing
-from elvis.renderer.announcing import MOMENT, Announcement
-from elvis.renderer.kernel_cache import KernelCache
+from elvis.renderer.device import announcing
+from elvis.renderer.device.announcing import MOMENT, Announcement
+from elvis.renderer.device.kernels.cache import KernelCache
 
 
 @pytest.fixture
@@ -59,7 +59,13 @@ def test_only_a_terminal_gets_the_first_announcement(square, tmp_path, renderer)
     import pty
 
     renderer("vulkan")
-    command = [sys.executable, "-c", "from elvis.plugins.command import main; main()", "render", *map(str, square)]
+    command = [
+        sys.executable,
+        "-c",
+        "from elvis.plugins.command.command import main; main()",
+        "render",
+        *map(str, square),
+    ]
     command += ["--size", "16x12", "--device", "vulkan", "--overwrite", "-o", str(tmp_path / "a.png")]
     environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache")}
 

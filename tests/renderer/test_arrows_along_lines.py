@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from elvis import Camera, SceneError, Streamlines, Style
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
 from elvis.core.shapes import Shape
 from elvis.core.streamlines.course import Course
-from elvis.core.streamlines.line_pieces import curves
+from elvis.core.streamlines.lines.pieces import curves
 from elvis.core.streamlines.marks import marks
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
 from elvis.scene.commandline.parameters import streamlines
-from elvis.scene.flow import heads_in
+from elvis.scene.flow.flow import heads_in
 
 #: of the screw: turns in time, speed along its axis y = z = 0.5, distance of a seed from that
 TURN, SPEED, RADIUS = 1.2, 0.3, 0.25

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from elvis import CutSurface, Faces, Isosurface, Plane, SceneError, Style, render, write
-from elvis.core.dataset import Dataset
+from elvis.core.data.dataset import Dataset
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid, one_element
-from elvis.plugins.command import main
-from elvis.scene.bare_mesh import COLOR, REMARK
+from elvis.plugins.command.command import main
+from elvis.scene.model.bare_mesh import COLOR, REMARK
 
 SMALL = {"device": "vulkan", "size": (60, 45)}
 

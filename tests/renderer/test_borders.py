@@ -6,7 +6,7 @@ import pytest
 from elvis import Camera, Plane, Status
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, ripple
-from elvis.renderer.tiles import TILE
+from elvis.renderer.raster.tiles import TILE
 
 SOLIDS = Shape.of_dimension(3)
 SIZES = ((1, 1), (7, 5), (8, 8), (9, 17), (64, 3), (2, 41))

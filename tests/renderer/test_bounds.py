@@ -11,15 +11,15 @@ from elvis.core.polynomials.collapse import collapse
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid, with_field
 from elvis.plugins.native import NativeVolume
-from elvis.renderer.passes.lines.contour_cuts import CutChart
-from elvis.renderer.passes.lines.contour_patches import _BEYOND_SLOPES, FACETS, PatchChart
-from elvis.renderer.passes.lines.contour_squares import Derivatives, Items, Squares, facet_distances
+from elvis.renderer.parts.relevance import Relevance
+from elvis.renderer.passes.lines.contours.cuts import CutChart
+from elvis.renderer.passes.lines.contours.patches import _BEYOND_SLOPES, FACETS, PatchChart
+from elvis.renderer.passes.lines.contours.squares import Derivatives, Items, Squares, facet_distances
 from elvis.renderer.passes.volume.steepness import steepest, tolerance
-from elvis.renderer.relevance import Relevance
-from elvis.renderer.traversal import Traversal
+from elvis.renderer.volume.traversal import Traversal
 from elvis.scene import Isosurface, Transfer
-from elvis.scene.conditioning import EPSILON, misplaced, uncertainties
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
+from elvis.scene.record.conditioning import EPSILON, misplaced, uncertainties
 
 
 @dataclass

@@ -9,8 +9,8 @@ from elvis.core.shapes import Shape
 from elvis.core.testing.bending import curved, ripple
 from elvis.core.testing.fields import with_field
 from elvis.core.testing.meshes import grid
-from elvis.plugins.command import elvis
-from elvis.renderer.bricks import Bricks, InMemory
+from elvis.plugins.command.command import elvis
+from elvis.renderer.parts.bricks import Bricks, InMemory
 from elvis.scene import Plane, Scene
 
 
@@ -38,14 +38,14 @@ def test_animations_read_bricks_of_files(tmp_path, monkeypatch):
         result = CliRunner().invoke(elvis, [*command, *more, "-o", str(folder)], standalone_mode=False)
         assert result.exit_code == 0, (result.exception, result.output)
         frames.append([path.read_bytes() for path in sorted(folder.glob("*.png"))])
-        monkeypatch.setattr("elvis.renderer.bricks.ELEMENTS", 4)
-        monkeypatch.setattr("elvis.plugins.data.dataset_of", None)
+        monkeypatch.setattr("elvis.renderer.parts.bricks.ELEMENTS", 4)
+        monkeypatch.setattr("elvis.plugins.data.data.dataset_of", None)
     assert len(frames[0]) == 3
     assert frames[0] == frames[1]
 
 
 def test_folded_elements_of_hidden_bricks_are_reported(monkeypatch):
-    monkeypatch.setattr("elvis.renderer.bricks.ELEMENTS", 1)
+    monkeypatch.setattr("elvis.renderer.parts.bricks.ELEMENTS", 1)
 
     def fold(points):
         return points + (points[:, :1] > 0.7) * np.sin(20 * points[:, [1, 0, 2]])

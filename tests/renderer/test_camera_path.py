@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from elvis import Camera, SceneError
-from elvis.scene.camera_path import CameraPath
+from elvis.scene.cameras.camera_path import CameraPath
 
 KEYS = (
     Camera((4.0, 0.0, 1.0), (0.0, 0.0, 0.0), fov=30.0),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from elvis import Camera, Plane, Status
-from elvis.core.dataset import Dataset
+from elvis.core.data.dataset import Dataset
 from elvis.core.mapping.orientation import local_vertices
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple, shuffled

@@ -11,9 +11,9 @@ import pytest
 from elvis import Camera, CutSurface, DeviceError, Faces, Isosurface, Plane, Renderer, Scene, render
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
-from elvis.renderer import persistence
-from elvis.renderer.device import Device
-from elvis.renderer.device_errors import DeviceLostError
+from elvis.renderer.device import persistence
+from elvis.renderer.device.device import Device
+from elvis.renderer.device.errors import DeviceLostError
 
 NEAR = Camera((2.0, -1.6, 1.7), (0.5, 0.5, 0.5), fov=35.0)
 PLANE = Plane((0.5, 0.5, 0.4), (0.1, 0.2, 1.0))

@@ -7,11 +7,13 @@ from hashlib import sha256
 
 import pytest
 
-from elvis.renderer import compiled_modules, device, kernel_cache
-from elvis.renderer.compiled_modules import CompiledModules
-from elvis.renderer.compositing import FragmentLists
-from elvis.renderer.device import SHADERS, Device
-from elvis.renderer.kernel_cache import KernelCache
+from elvis.renderer import device
+from elvis.renderer.device import compiled_modules
+from elvis.renderer.device.compiled_modules import CompiledModules
+from elvis.renderer.device.device import SHADERS, Device
+from elvis.renderer.device.kernels import cache as kernel_cache
+from elvis.renderer.device.kernels.cache import KernelCache
+from elvis.renderer.raster.compositing import FragmentLists
 
 COLOR = (0.25, 0.5, 0.75)
 

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from elvis import Camera
-from elvis.renderer.compositing import FragmentLists
-from elvis.renderer.hit_buffer import HitBuffer
-from elvis.renderer.painting import FragmentShader, Material
+from elvis.renderer.frame.painting import FragmentShader, Material
 from elvis.renderer.passes.lines.lines import UNITS, Marks
+from elvis.renderer.raster.compositing import FragmentLists
+from elvis.renderer.raster.hit_buffer import HitBuffer
 from elvis.scene import Light
-from elvis.scene.palette import NOT_A_NUMBER, Palette
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
+from elvis.scene.record.palette import NOT_A_NUMBER, Palette
 
 RED, GREEN, BLUE, WHITE = np.vstack([np.eye(3), np.ones(3)])
 

@@ -8,17 +8,17 @@ from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, ripple, with_field
 from elvis.plugins.faces import faces_of
 from elvis.plugins.native.buffers import NativeVolume
-from elvis.plugins.serving import volume_of
-from elvis.renderer import shading
-from elvis.renderer.device_volume import DeviceVolume
-from elvis.renderer.gaps import beside
+from elvis.plugins.runtime.serving import volume_of
+from elvis.renderer.frame import shading
 from elvis.renderer.passes.faces.faces import FaceDrawer
-from elvis.renderer.passes.lines.contour_proof import ContourProof
+from elvis.renderer.passes.lines.contours.proof import ContourProof
 from elvis.renderer.passes.lines.lines import Lines
 from elvis.renderer.passes.plane.cut import Cutter
+from elvis.renderer.raster.gaps import beside
+from elvis.renderer.volume.device_volume import DeviceVolume
 from elvis.scene import Clip, Contours, CutSurface, Faces, Implicit, Sphere, Style
-from elvis.scene.frame import Status
-from elvis.scene.view import PlaneView, View
+from elvis.scene.cameras.view import PlaneView, View
+from elvis.scene.record.frame import Status
 
 SIZE, NEAR = (60, 50), (75, 60)
 PLANE = Plane((0.5, 0.5, 0.52), (0.0, 0.0, 1.0))

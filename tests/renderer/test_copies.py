@@ -29,17 +29,17 @@ from elvis import (
     sample,
     write,
 )
-from elvis.core.isometries import Isometry
-from elvis.core.mesh import PERIODIC
+from elvis.core.data.mesh import PERIODIC
+from elvis.core.deformed.isometries import Isometry
 from elvis.core.polynomials.quadrature import lobatto
 from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.moved_expressions import moved
 from elvis.core.testing import approximated, grid
-from elvis.plugins.command import elvis as group
+from elvis.plugins.command.command import elvis as group
 from elvis.reference.study import compare_scene
-from elvis.renderer.rendering import Pictures
+from elvis.renderer.frame.rendering import Pictures
 from elvis.scene.commandline.writing import option_words
-from elvis.scene.tables import scene_of, table_of
+from elvis.scene.model.tables import scene_of, table_of
 
 ORDER = 3
 LINE = lobatto(ORDER + 1)[0]

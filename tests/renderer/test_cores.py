@@ -6,12 +6,12 @@ from click.testing import CliRunner
 from PIL import Image
 
 from elvis import Camera, Scene, Streamlines, Style, render, write
-from elvis.core.dataset import Dataset
+from elvis.core.data.dataset import Dataset
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple
-from elvis.plugins.command import elvis
-from elvis.scene.errors import SceneError
-from elvis.scene.files import read_scene
+from elvis.plugins.command.command import elvis
+from elvis.scene.model.errors import SceneError
+from elvis.scene.model.files import read_scene
 
 CENTRE = np.array([0.45, 0.52, 0.5])
 AXIS = np.array([0.3, 0.2, 1.0]) / np.linalg.norm([0.3, 0.2, 1.0])

@@ -41,10 +41,10 @@ from elvis import (
 )
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple
-from elvis.renderer.adapters import Adapter, compiler
-from elvis.renderer.device import SHADERS
-from elvis.renderer.device_errors import DeviceError
-from elvis.renderer.kernel_failures import DRAWN, drawn_by, naming_what_fails
+from elvis.renderer.device.adapters import Adapter, compiler
+from elvis.renderer.device.device import SHADERS
+from elvis.renderer.device.errors import DeviceError
+from elvis.renderer.device.kernels.failures import DRAWN, drawn_by, naming_what_fails
 
 #: kernels of this device are libraries, which stay in memory until it is closed
 pytestmark = pytest.mark.apart

@@ -8,7 +8,7 @@ from elvis import Camera, Faces, MeshLines, SceneError, Style, render
 from elvis.core.shapes import Shape
 from elvis.core.testing import with_field
 from elvis.core.testing.meshes import connected
-from elvis.scene.rulers import sides
+from elvis.scene.figure.rulers import sides
 
 
 def chain(points, function):

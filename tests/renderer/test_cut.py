@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from elvis import Status
 from elvis.renderer.passes.plane.cut import Cutter
-from elvis.renderer.pixels import BORDER, INSIDE, NOBODY, UNKNOWN, Pixels, resolve
-from elvis.renderer.tiles import TILE, tiles_of
+from elvis.renderer.raster.pixels import BORDER, INSIDE, NOBODY, UNKNOWN, Pixels, resolve
+from elvis.renderer.raster.tiles import TILE, tiles_of
 
 CANDIDATE = np.dtype(
     [

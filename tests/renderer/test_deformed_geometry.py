@@ -9,13 +9,13 @@ from click.testing import CliRunner
 
 from elvis import Camera, Dataset, Deform, MeshLines, Scene, SceneError, Shape, deform, render, sample, write
 from elvis.core.testing import approximated, grid
-from elvis.plugins.command import elvis as group
+from elvis.plugins.command.command import elvis as group
 from elvis.reference.study import compare_scene
-from elvis.renderer.rendering import Pictures
-from elvis.renderer.undeformed import GREY, OPACITY
+from elvis.renderer.frame.rendering import Pictures
+from elvis.renderer.frame.undeformed import GREY, OPACITY
 from elvis.scene.commandline.writing import option_words
-from elvis.scene.saving import arrays
-from elvis.scene.tables import scene_of, table_of
+from elvis.scene.figure.saving import arrays
+from elvis.scene.model.tables import scene_of, table_of
 
 FUNCTIONS = {
     "u": lambda x: 0.2 * x[:, 1] ** 2,
@@ -129,7 +129,7 @@ def test_lines_of_the_undeformed_mesh_match_those_of_the_data():
 def test_bands_of_rows_show_the_same_undeformed_mesh(monkeypatch, how):
     whole = both(how)
     # bands of five rows, whose borders are those of the square
-    monkeypatch.setattr("elvis.renderer.persistence.BAND", 200)
+    monkeypatch.setattr("elvis.renderer.device.persistence.BAND", 200)
     bands = both(how)
     assert np.array_equal(bands.color, whole.color)
     assert np.array_equal(bands.element, whole.element)

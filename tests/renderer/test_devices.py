@@ -9,12 +9,12 @@ import pytest
 from click.testing import CliRunner
 
 from elvis import DeviceError
-from elvis.core.arrays import frozen_floats
-from elvis.renderer import adapters
-from elvis.renderer.adapters import Adapter, UnfitError, first_fit, lacking, limited
+from elvis.core.base.arrays import frozen_floats
 from elvis.renderer.commands.devices import devices
-from elvis.renderer.device import _as_writeable
-from elvis.renderer.pacing import Watch
+from elvis.renderer.device import adapters
+from elvis.renderer.device.adapters import Adapter, UnfitError, first_fit, lacking, limited
+from elvis.renderer.device.device import _as_writeable
+from elvis.renderer.device.pacing import Watch
 
 XE = Adapter("vulkan:0", "Intel(R) Iris(R) Xe Graphics", False)
 CARD = Adapter("vulkan:1", "a card", False)

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from elvis.core.distances import surface_of
-from elvis.plugins.distances import buffers_of
+from elvis.plugins.runtime.distances import buffers_of
 
 HALF = 0.5
 SIDE = 20

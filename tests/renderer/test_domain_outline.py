@@ -5,9 +5,9 @@ import pytest
 
 from elvis import Camera, CutSurface, Dataset, Faces, Isosurface, Plane, Scene, Shape, Streamlines, render
 from elvis.core.testing import curved, grid, mixed_plane, mixed_volume, with_field
-from elvis.plugins.sample_data import wing
-from elvis.renderer.domain_outline import _edges_of_faces, _numbers, boundary_surface
-from elvis.scene.view import View
+from elvis.plugins.samples.sample_data import wing
+from elvis.renderer.frame.domain_outline import _edges_of_faces, _numbers, boundary_surface
+from elvis.scene.cameras.view import View
 
 LEVEL = Isosurface((0.5,))
 ABOVE = Camera((0.5, 0.5, 3.0), (0.5, 0.5, 0.5), (0.0, 1.0, 0.0), height=1.5)

@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 
 from elvis import Camera, Status
-from elvis.core.dataset import Dataset, Field
+from elvis.core.data.dataset import Dataset, Field
 from elvis.core.polynomials.bernstein import bernstein_values
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, one_element, shuffled
 from elvis.plugins.faces import faces_of
 from elvis.plugins.native import NativeVolume
-from elvis.renderer.device_volume import DeviceVolume
-from elvis.renderer.drafts import drafted
+from elvis.renderer.device.drafts import drafted
 from elvis.renderer.passes.faces.faces import CLOSE_IN_DRAFTS, FaceDrawer
-from elvis.renderer.pixels import NOBODY
-from elvis.scene.view import View
+from elvis.renderer.raster.pixels import NOBODY
+from elvis.renderer.volume.device_volume import DeviceVolume
+from elvis.scene.cameras.view import View
 
 DEVICES = ("vulkan", "cpu")
 

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from elvis import Camera, Status
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 from elvis.formats.reading import read
 from elvis.plugins.faces import faces_of, vertices_at
 from elvis.plugins.fourier.box import FourierBox, series, write_box
 from elvis.plugins.nurbs.nurbs import Nurbs
-from elvis.plugins.serving import volume_of
-from elvis.plugins.volume import PartsVolume
-from elvis.renderer.device_volume import DeviceVolume
+from elvis.plugins.runtime.serving import volume_of
+from elvis.plugins.runtime.volume import PartsVolume
 from elvis.renderer.passes.faces.faces import FaceDrawer
-from elvis.scene.view import View
+from elvis.renderer.volume.device_volume import DeviceVolume
+from elvis.scene.cameras.view import View
 
 MFEM = Path(__file__).resolve().parents[3] / "shared" / "data" / "solvers" / "mfem"
 

@@ -24,19 +24,19 @@ from elvis import (
     Style,
     render,
 )
-from elvis.core.dataset import Dataset
+from elvis.core.data.dataset import Dataset
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, one_element
 from elvis.scene import ColorBar, Scene
-from elvis.scene.broken_lines import broken_lines
 from elvis.scene.commandline import parameters
 from elvis.scene.commandline.composing import in_one_range
-from elvis.scene.figure import Page, save_figure
-from elvis.scene.palette import NOT_A_NUMBER, Palette
-from elvis.scene.picture import AXES, page
-from elvis.scene.rulers import aligned, box_edges, scale_bar, sides
-from elvis.scene.saving import save_panels
-from elvis.scene.strokes import SAME, STRAIGHT, borders, chain, simplify
+from elvis.scene.figure.broken_lines import broken_lines
+from elvis.scene.figure.figure import Page, save_figure
+from elvis.scene.figure.picture import AXES, page
+from elvis.scene.figure.rulers import aligned, box_edges, scale_bar, sides
+from elvis.scene.figure.saving import save_panels
+from elvis.scene.record.palette import NOT_A_NUMBER, Palette
+from elvis.scene.record.strokes import SAME, STRAIGHT, borders, chain, simplify
 
 #: pixels that contours may be displaced by
 CLOSE = 0.02

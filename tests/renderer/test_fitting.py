@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from elvis import Camera, Clip, CutSurface, Faces, Implicit, Isosurface, Plane, Scene, SceneError, Sphere
-from elvis.scene.fitting import automatic, crossings, is_of_elements, proportionate, surrounding
+from elvis.scene.cameras.fitting import automatic, crossings, is_of_elements, proportionate, surrounding
 
 CUT = CutSurface(Plane((0, 0, 0), (0, 0, 1)))
 UNIT = np.array([[0, 0, 0, 1, 1, 1]], np.float32)

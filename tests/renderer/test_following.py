@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from elvis.core.dataset import Dataset
+from elvis.core.data.dataset import Dataset
 from elvis.core.shapes import Shape
 from elvis.core.streamlines.streamlines import trace
 from elvis.core.streamlines.velocity import Velocity, velocity_expressions

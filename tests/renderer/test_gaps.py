@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from elvis import Camera, Plane, Scene
-from elvis.core.arrays import frozen_floats
-from elvis.core.dataset import Dataset
+from elvis.core.base.arrays import frozen_floats
+from elvis.core.data.dataset import Dataset
 from elvis.core.mapping.locate import locate
-from elvis.core.patch import Patch, patches
+from elvis.core.mapping.patch import Patch, patches
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.expansion import values, values_and_gradients
 from elvis.core.polynomials.interpolation import modified
@@ -19,12 +19,12 @@ from elvis.core.testing import curved, grid, ripple
 from elvis.plugins.native.bending import bends
 from elvis.plugins.nurbs.bezier import evaluated
 from elvis.plugins.nurbs.inversion import Solver
-from elvis.plugins.volume import Solution
-from elvis.renderer import gaps
-from elvis.renderer.drafts import drafted
-from elvis.renderer.gaps import Gaps
-from elvis.renderer.pixels import NOBODY, Pixels
-from elvis.scene.view import view_of
+from elvis.plugins.runtime.volume import Solution
+from elvis.renderer.device.drafts import drafted
+from elvis.renderer.raster import gaps
+from elvis.renderer.raster.gaps import Gaps
+from elvis.renderer.raster.pixels import NOBODY, Pixels
+from elvis.scene.cameras.view import view_of
 
 #: shape, nodes along an edge, amplitude, seed, plane and camera of pictures in which Newton's method alone leaves holes
 BENT = (

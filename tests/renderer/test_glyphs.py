@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from elvis import Camera, Clip, CutSurface, Faces, Glyphs, Plane, SceneError, Sphere, Status, Style, render
-from elvis.core.dataset import Dataset, Field, Homogeneous
+from elvis.core.data.dataset import Dataset, Field, Homogeneous
 from elvis.core.polynomials.bases import Basis
 from elvis.core.shapes import Shape
 from elvis.core.streamlines.anchors import anchors
@@ -14,9 +14,9 @@ from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
 from elvis.scene.commandline.composing import composed
 from elvis.scene.commandline.parameters import glyphs
 from elvis.scene.commandline.writing import option_words
-from elvis.scene.frusta import frusta_in
-from elvis.scene.picture import picture
-from elvis.scene.tables import scene_of, table_of
+from elvis.scene.figure.picture import picture
+from elvis.scene.flow.frusta import frusta_in
+from elvis.scene.model.tables import scene_of, table_of
 
 
 def data(mesh, **functions):

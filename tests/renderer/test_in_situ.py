@@ -19,17 +19,17 @@ from elvis import (
     render,
     sample,
 )
-from elvis.core.geometry import geometry, share
+from elvis.core.mapping.geometry import geometry, share
 from elvis.core.polynomials.quadrature import lobatto
 from elvis.core.shapes import Shape
 from elvis.core.testing.fields import with_field
 from elvis.core.testing.meshes import grid
-from elvis.plugins.nodal import tensor_nodes
-from elvis.plugins.run_states import states_of
-from elvis.renderer import rendering
+from elvis.plugins.conversion.nodal import tensor_nodes
+from elvis.plugins.data.run_states import states_of
+from elvis.renderer.frame import rendering
+from elvis.renderer.insitu.triggers import Condition, Trigger
 from elvis.renderer.passes.faces import faces
-from elvis.renderer.triggers import Condition, Trigger
-from elvis.scene.errors import SceneError
+from elvis.scene.model.errors import SceneError
 
 NODES = np.asarray(tensor_nodes(Shape.QUADRILATERAL, tuple(lobatto(4)[0].tolist())))
 

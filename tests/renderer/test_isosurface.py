@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from elvis import Camera, SceneError, Status
-from elvis.core.dataset import Dataset
+from elvis.core.data.dataset import Dataset
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, with_field
 from elvis.plugins.native import NativeVolume
-from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.passes.isosurface.isosurface import IsosurfaceDrawer
-from elvis.renderer.pixels import NOBODY
+from elvis.renderer.raster.pixels import NOBODY
+from elvis.renderer.volume.device_volume import DeviceVolume
 from elvis.scene import unit
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
 
 SOLIDS = [shape for shape in Shape if shape.dimension == 3]
 SIZE = (36, 30)

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from elvis import Camera, CutSurface, Isosurface, Plane, Status
-from elvis.core.dataset import Block, Dataset, Field
+from elvis.core.data.dataset import Block, Dataset, Field
 from elvis.core.polynomials.chebyshev_nodes import series
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, with_field
-from elvis.plugins.serving import volume_of
-from elvis.renderer.device_volume import DeviceVolume
+from elvis.plugins.runtime.serving import volume_of
 from elvis.renderer.passes.isosurface.isosurface import IsosurfaceDrawer
-from elvis.renderer.pixels import NOBODY
-from elvis.scene.view import View
+from elvis.renderer.raster.pixels import NOBODY
+from elvis.renderer.volume.device_volume import DeviceVolume
+from elvis.scene.cameras.view import View
 
 SOLIDS = [shape for shape in Shape if shape.dimension == 3]
 CAMERA, SIZE = Camera((2.6, -1.9, 1.9), (0.5, 0.5, 0.25), fov=32.0), (30, 30)

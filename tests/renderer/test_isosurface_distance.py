@@ -6,13 +6,13 @@ import trimesh
 
 from elvis import Camera, Status
 from elvis.core.distances import nearest, surface_of
-from elvis.core.sampling import sample
+from elvis.core.numbers.sampling import sample
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, ripple, with_field
-from elvis.plugins.serving import volume_of
-from elvis.renderer.pixels import NOBODY
+from elvis.plugins.runtime.serving import volume_of
+from elvis.renderer.raster.pixels import NOBODY
 from elvis.scene import unit
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
 
 SIZE, COUNT = (28, 22), 90
 

@@ -9,16 +9,16 @@ from numpy.polynomial import chebyshev
 
 from elvis import Camera, Status
 from elvis.core.chebyshev_models.series_boxes import SeriesBoxes
-from elvis.core.dataset import Dataset
-from elvis.core.sampling import sample
+from elvis.core.data.dataset import Dataset
+from elvis.core.numbers.sampling import sample
 from elvis.core.shapes import Shape
 from elvis.core.testing import VORTICES, approximated, curved, grid, swirled
 from elvis.plugins.native import NativeVolume, elements
 from elvis.plugins.native.level_models import ElementLevelSeries
-from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.passes.isosurface.enclosing import AXES, BOXES, tails
 from elvis.renderer.passes.isosurface.isosurface import IsosurfaceDrawer, Level
-from elvis.scene.view import View
+from elvis.renderer.volume.device_volume import DeviceVolume
+from elvis.scene.cameras.view import View
 
 CAMERA = Camera((1.7, -1.2, 1.4), (0.5, 0.5, 0.5), fov=45.0)
 #: samples of a ray, between these depths

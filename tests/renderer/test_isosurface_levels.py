@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 
 from elvis import Camera, Status
-from elvis.core.dataset import Dataset
+from elvis.core.data.dataset import Dataset
 from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.evaluator import Sampler
 from elvis.core.quantities.levels import fraction, same_level
 from elvis.core.quantities.tree import ONE
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple
-from elvis.plugins.serving import volume_of
-from elvis.renderer.device_volume import DeviceVolume
+from elvis.plugins.runtime.serving import volume_of
 from elvis.renderer.passes.isosurface.isosurface import IsosurfaceDrawer
-from elvis.scene.view import View
+from elvis.renderer.volume.device_volume import DeviceVolume
+from elvis.scene.cameras.view import View
 
 COUNT = 90
 VIEW = View.through(Camera((2.6, -1.9, 1.9), (0.5, 0.5, 0.5), fov=32), (32, 26))

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from elvis import Camera, Isosurface, SceneError, Status
-from elvis.core.dataset import Dataset
-from elvis.core.sampling import sample
+from elvis.core.data.dataset import Dataset
+from elvis.core.numbers.sampling import sample
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid
 from elvis.plugins.native import NativeVolume
-from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.passes.isosurface import isosurface
 from elvis.renderer.passes.isosurface.isosurface import IsosurfaceDrawer
-from elvis.scene.view import View
+from elvis.renderer.volume.device_volume import DeviceVolume
+from elvis.scene.cameras.view import View
 
 SOLIDS = [shape for shape in Shape if shape.dimension == 3]
 SIZE = (24, 20)

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from elvis import Camera, CutSurface, Faces, Isosurface, Plane, Scene, Style, Transfer, VolumeRendering
-from elvis.core.geometry import share
+from elvis.core.mapping.geometry import share
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
-from elvis.renderer.memory import Pool, rounded
+from elvis.renderer.device.memory import Pool, rounded
 
 CUT = CutSurface(Plane((0.5, 0.5, 0.4), (0.1, 0.2, 1.0)))
 VOLUME = VolumeRendering(Transfer((0.0, 3.0), (0.0, 2.0)))

@@ -13,18 +13,18 @@ from elvis import Plane, render
 from elvis.core.files.keeping import Store
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
-from elvis.renderer import kernel_cache
-from elvis.renderer.compositing import FragmentLists
-from elvis.renderer.device import Device
-from elvis.renderer.device_errors import DeviceError
-from elvis.renderer.kernel_cache import KernelCache
+from elvis.renderer.device.device import Device
+from elvis.renderer.device.errors import DeviceError
+from elvis.renderer.device.kernels import cache as kernel_cache
+from elvis.renderer.device.kernels.cache import KernelCache
+from elvis.renderer.raster.compositing import FragmentLists
 
 COLOR = (0.25, 0.5, 0.75)
 #: a process that compiles a kernel, and says how many were at hand
 PROGRAM = """
 import sys
-from elvis.renderer.compositing import FragmentLists
-from elvis.renderer.device import Device
+from elvis.renderer.raster.compositing import FragmentLists
+from elvis.renderer.device.device import Device
 with Device("vulkan") as device:
     assert (FragmentLists.of(device, 5, [], (0.25, 0.5, 0.75)).compose().colors() == (0.25, 0.5, 0.75)).all()
     print(device._device.shader_cache_stats.hit_count)

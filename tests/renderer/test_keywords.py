@@ -26,13 +26,13 @@ from elvis import (
     render,
     write,
 )
-from elvis.core.mesh import Composite
+from elvis.core.data.mesh import Composite
 from elvis.core.testing import approximated, grid
 from elvis.scene.commandline.composing import composed
+from elvis.scene.commandline.keywords import ELSEWHERE, KeywordError, keywords, scene_of_keywords
 from elvis.scene.commandline.options import scene_options
 from elvis.scene.commandline.other_programs import INSTEAD, SAME, in_own_words
-from elvis.scene.keywords import ELSEWHERE, KeywordError, keywords, scene_of_keywords
-from elvis.scene.surfaces import Middle
+from elvis.scene.model.surfaces import Middle
 
 POINT, NORMAL = (0.0, 0.0, 0.5), (0.0, 0.0, 1.0)
 CUT = Plane(POINT, NORMAL)

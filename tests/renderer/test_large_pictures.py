@@ -10,10 +10,11 @@ from PIL import Image
 from elvis import Camera, Contours, Faces, Plane, Scene, Style
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
-from elvis.scene import fitting, page, saving
-from elvis.scene import frame as frames
-from elvis.scene.picture import picture
-from elvis.scene.png import write_png
+from elvis.scene.cameras import fitting
+from elvis.scene.figure import page, saving
+from elvis.scene.figure.picture import picture
+from elvis.scene.figure.png import write_png
+from elvis.scene.record import frame as frames
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +72,7 @@ def test_compression_is_as_good_as_that_of_small_ones(frame, tmp_path, monkeypat
 def test_large_pictures_are_saved_in_little_memory(frame, tmp_path, monkeypatch):
     """Sixteen million pixels, of which the image alone is 48 MB."""
     monkeypatch.setattr(saving, "LARGE", 1 << 20)
-    monkeypatch.setattr("elvis.scene.picture.picture", None)
+    monkeypatch.setattr("elvis.scene.figure.picture.picture", None)
     color = np.broadcast_to(np.uint8(200), (4000, 4000, 3))
     status = np.broadcast_to(np.uint8(1), (4000, 4000))
     view = replace(frame.view, width=4000, height=4000)

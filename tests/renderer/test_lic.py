@@ -20,16 +20,16 @@ from elvis import (
     Style,
     render,
 )
-from elvis.core.dataset import Dataset
+from elvis.core.data.dataset import Dataset
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple
-from elvis.renderer import persistence
+from elvis.renderer.device import persistence
+from elvis.scene.cameras.view import View
 from elvis.scene.commandline.composing import composed
 from elvis.scene.commandline.writing import option_words
-from elvis.scene.picture import sentences
-from elvis.scene.streaks import _covariance, cells, middle, noise, scale_of, spread, toned, tones, weights
-from elvis.scene.tables import scene_of, table_of
-from elvis.scene.view import View
+from elvis.scene.figure.picture import sentences
+from elvis.scene.flow.streaks import _covariance, cells, middle, noise, scale_of, spread, toned, tones, weights
+from elvis.scene.model.tables import scene_of, table_of
 
 
 def data(mesh, **functions):

@@ -21,14 +21,16 @@ from elvis import (
     Style,
     render,
 )
-from elvis.core.dataset import Field
+from elvis.core.data.dataset import Field
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
 from elvis.plugins import command
-from elvis.renderer import canvas, device, persistence
-from elvis.renderer.device_errors import DeviceLostError
-from elvis.scene.palette import NOT_A_NUMBER
-from elvis.scene.view import view_of
+from elvis.renderer import device
+from elvis.renderer.device import persistence
+from elvis.renderer.device.errors import DeviceLostError
+from elvis.renderer.frame import canvas
+from elvis.scene.cameras.view import view_of
+from elvis.scene.record.palette import NOT_A_NUMBER
 
 NEAR = Camera((2.0, -1.6, 1.7), (0.5, 0.5, 0.5), fov=35.0)
 PLANE = Plane((0.5, 0.5, 0.4), (0.1, 0.2, 1.0))
@@ -247,8 +249,8 @@ def test_every_key_of_a_scene_has_an_option_and_every_option_a_key():
     from dataclasses import fields
 
     from elvis.scene.commandline.options import OBJECTS, STYLES, scene_options
-    from elvis.scene.copies import Copies
-    from elvis.scene.whole import Deform
+    from elvis.scene.model.copies import Copies
+    from elvis.scene.model.whole import Deform
 
     # files are arguments: those of the data, and scenes where there are several; --set takes reference values
     keys = {field.name for field in fields(Scene)} - {"data", "scenes", "objects", "reference", "copies"}

@@ -10,17 +10,17 @@ from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, mixed_plane, mixed_volume, one_element, shuffled, with_field
 from elvis.plugins.faces import faces_of
 from elvis.plugins.native.buffers import NativeVolume
-from elvis.plugins.serving import volume_of
-from elvis.renderer.device_volume import DeviceVolume
-from elvis.renderer.gaps import beside
+from elvis.plugins.runtime.serving import volume_of
 from elvis.renderer.passes.faces.faces import FaceDrawer
 from elvis.renderer.passes.lines.lines import Lines, line_coverage
 from elvis.renderer.passes.plane.cut import Cutter
 from elvis.renderer.passes.solids.solids import values_at_hits
-from elvis.renderer.pixels import NOBODY
-from elvis.scene.errors import SceneError
-from elvis.scene.palette import levels
-from elvis.scene.view import PlaneView, View
+from elvis.renderer.raster.gaps import beside
+from elvis.renderer.raster.pixels import NOBODY
+from elvis.renderer.volume.device_volume import DeviceVolume
+from elvis.scene.cameras.view import PlaneView, View
+from elvis.scene.model.errors import SceneError
+from elvis.scene.record.palette import levels
 
 #: how far coverages may be from the truth: a line's middle is displaced by no more than this, in pixels
 CLOSE = 0.02

@@ -6,7 +6,7 @@ import pytest
 from elvis import Camera, Contours, CutSurface, Faces, MeshLines, Plane, Style
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid, with_field
-from elvis.renderer import persistence
+from elvis.renderer.device import persistence
 from elvis.renderer.passes.lines.lines import line_coverage
 
 SIZE, STEP = (24, 20), 0.008

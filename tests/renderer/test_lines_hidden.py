@@ -6,13 +6,13 @@ import pytest
 from elvis import Camera, Plane
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid, with_field
-from elvis.plugins.serving import volume_of
-from elvis.renderer.device_volume import DeviceVolume
+from elvis.plugins.runtime.serving import volume_of
 from elvis.renderer.passes.lines.lines import Lines, line_coverage
 from elvis.renderer.passes.plane.cut import Cutter
 from elvis.renderer.passes.solids.solids import values_at_hits
-from elvis.renderer.pixels import NOBODY
-from elvis.scene.view import PlaneView, View
+from elvis.renderer.raster.pixels import NOBODY
+from elvis.renderer.volume.device_volume import DeviceVolume
+from elvis.scene.cameras.view import PlaneView, View
 
 SIZE = (130, 110)
 CAMERA = Camera((0.5, 0.5, 3.0), (0.5, 0.5, 0.5), (0.0, 1.0, 0.0), height=1.2)

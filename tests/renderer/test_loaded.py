@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from elvis.renderer.device_volume import DeviceVolume
-from elvis.renderer.traversal import Traversal
+from elvis.renderer.volume.device_volume import DeviceVolume
+from elvis.renderer.volume.traversal import Traversal
 
 
 class Part:

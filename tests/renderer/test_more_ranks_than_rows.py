@@ -11,8 +11,8 @@ from elvis.core.testing.bending import curved, ripple
 from elvis.core.testing.fields import with_field
 from elvis.core.testing.meshes import grid
 from elvis.core.testing.played_ranks import played
-from elvis.renderer.parts import RankPart, what_matters
-from elvis.renderer.rendering import Pictures
+from elvis.renderer.frame.rendering import Pictures
+from elvis.renderer.parts.parts import RankPart, what_matters
 from elvis.scene import Camera, CutSurface, Faces, MeshLines, Plane, Scene, Style, Transfer, VolumeRendering
 
 TILTED = Plane((0.5, 0.45, 0.52), (0.3, 0.2, 1.0))

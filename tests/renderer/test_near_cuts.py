@@ -9,10 +9,10 @@ from elvis.core.shapes import Shape
 from elvis.core.testing.bending import curved, ripple
 from elvis.core.testing.fields import with_field
 from elvis.core.testing.meshes import grid
-from elvis.renderer import near_boxes, near_cuts, relevance
-from elvis.renderer.near_cuts import NearCuts
-from elvis.renderer.relevance import Relevance
-from elvis.renderer.rendering import Pictures
+from elvis.renderer.frame.rendering import Pictures
+from elvis.renderer.parts import near_boxes, near_cuts, relevance
+from elvis.renderer.parts.near_cuts import NearCuts
+from elvis.renderer.parts.relevance import Relevance
 from elvis.scene import CutSurface, Faces, Isosurface, Plane, Scene, Sphere
 
 #: gives exact boxes

@@ -27,15 +27,15 @@ from elvis import (
     TriangleMesh,
     VolumeRendering,
 )
-from elvis.core.errors import FormatError
+from elvis.core.base.errors import FormatError
 from elvis.core.quantities import Expression
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, ripple
 from elvis.renderer.passes.solids.hits import _touched, hits, outside
 from elvis.scene import unit
-from elvis.scene.picture import picture
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
+from elvis.scene.figure.picture import picture
 
 CENTER = np.array([0.5, 0.45, 0.55])
 NEAR = Camera((2.0, -1.6, 1.7), (0.5, 0.5, 0.5), fov=35.0)

@@ -5,8 +5,8 @@ import pytest
 
 from elvis import Camera
 from elvis.renderer.passes.isosurface.occlusion import Occlusion
-from elvis.renderer.pixels import NOBODY
-from elvis.scene.view import View
+from elvis.renderer.raster.pixels import NOBODY
+from elvis.scene.cameras.view import View
 
 
 @pytest.mark.parametrize("size", [(1, 1), (37, 22), (8, 64)])

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from elvis import Plane, Scene, SceneError, Status, render
-from elvis.core.arrays import frozen_floats
-from elvis.core.dataset import Block, Dataset, Field
-from elvis.core.geometry import geometry
+from elvis.core.base.arrays import frozen_floats
+from elvis.core.data.dataset import Block, Dataset, Field
 from elvis.core.mapping.connectivity import connected
+from elvis.core.mapping.geometry import geometry
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
-from elvis.renderer.completing import default_field
-from elvis.scene.palette import NOT_A_NUMBER
+from elvis.renderer.asking.completing import default_field
+from elvis.scene.record.palette import NOT_A_NUMBER
 
 PLANE = Plane((0.5, 0.5, 0.5), (0.1, 0.2, 1.0))
 SHAPES = [*Shape.of_dimension(2), *Shape.of_dimension(3)]

@@ -23,9 +23,9 @@ from elvis import (
 )
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, ripple, with_field
-from elvis.scene.errors import SceneError
-from elvis.scene.files import read_scene, write_scene
-from elvis.scene.tables import input_files
+from elvis.scene.model.errors import SceneError
+from elvis.scene.model.files import read_scene, write_scene
+from elvis.scene.model.tables import input_files
 
 CUT = CutSurface(Plane((0.5, 0.5, 0.41), (0.1, 0.2, 1.0)))
 #: -z, where both have cubic

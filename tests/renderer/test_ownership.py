@@ -5,9 +5,9 @@ import pytest
 from elvis import Dataset, Session, write
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, grid
-from elvis.plugins.command import elvis
-from elvis.scene.errors import SceneError
-from elvis.scene.ownership import is_own
+from elvis.plugins.command.command import elvis
+from elvis.scene.model.errors import SceneError
+from elvis.scene.model.ownership import is_own
 
 NAMES = ("p.png", "axes.png", "p.svg", "p.pdf", "p.html", "p.exr", "p.npz", "s.json")
 SCENE = 'data = ["m.xml", "m.fld"]\nsize = [12, 8]\ncamera = "front"\ndevice = "reference"\nfield = "u"\n'

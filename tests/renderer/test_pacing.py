@@ -21,12 +21,12 @@ from elvis import (
 )
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
-from elvis.renderer import pacing
-from elvis.renderer.adapters import Adapter
-from elvis.renderer.device import Kernel
-from elvis.renderer.pacing import Pace, grid_of, rows_of
+from elvis.renderer.device import pacing
+from elvis.renderer.device.adapters import Adapter
+from elvis.renderer.device.device import Kernel
+from elvis.renderer.device.pacing import Pace, grid_of, rows_of
 from elvis.renderer.passes.faces import faces
-from elvis.scene import time_limit
+from elvis.scene.model import time_limit
 
 NEAR = Camera((2.0, -1.6, 1.7), (0.5, 0.5, 0.5), fov=35.0)
 PLANE = Plane((0.5, 0.5, 0.4), (0.1, 0.2, 1.0))

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from elvis import ColorBar, Scene, SceneError
-from elvis.core.errors import FormatError
-from elvis.scene.files import read_scene, write_scene
-from elvis.scene.palette import FIRST, STEPS, Palette, levels, points_in
+from elvis.core.base.errors import FormatError
+from elvis.scene.model.files import read_scene, write_scene
+from elvis.scene.record.palette import FIRST, STEPS, Palette, levels, points_in
 
 #: the layout of the first ElVis
 RAINBOW = """<ColorMap name="Rainbow" space="RGB">

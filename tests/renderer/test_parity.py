@@ -21,7 +21,7 @@ from elvis import (
 )
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, grid, with_field
-from elvis.scene.objects import CutSurface as Cut
+from elvis.scene.model.objects import CutSurface as Cut
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "parity.md"
 CENTER = np.array([0.5, 0.5, 0.5])

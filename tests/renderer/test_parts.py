@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from elvis import write
-from elvis.core.dataset import Dataset
+from elvis.core.data.dataset import Dataset
 from elvis.core.portions import Portion, along_curve, portions, unite
 from elvis.core.portions.portion import is_even
 from elvis.core.shapes import Shape
@@ -18,14 +18,14 @@ from elvis.core.testing.meshes import grid, mixed_volume
 from elvis.core.testing.played_ranks import played
 from elvis.formats.nektar.dataset_parts import DatasetParts
 from elvis.formats.reading import read_parts
-from elvis.plugins.command import elvis
+from elvis.plugins.command.command import elvis
 from elvis.plugins.faces import faces_of
-from elvis.plugins.serving import volume_of
-from elvis.renderer import persistence
-from elvis.renderer.bricks import Bricks, InMemory
-from elvis.renderer.completing import completed
-from elvis.renderer.parts import RankPart, drawable, is_local, what_matters
-from elvis.renderer.rendering import Pictures
+from elvis.plugins.runtime.serving import volume_of
+from elvis.renderer.asking.completing import completed
+from elvis.renderer.device import persistence
+from elvis.renderer.frame.rendering import Pictures
+from elvis.renderer.parts.bricks import Bricks, InMemory
+from elvis.renderer.parts.parts import RankPart, drawable, is_local, what_matters
 from elvis.scene import (
     Camera,
     Clip,
@@ -43,8 +43,8 @@ from elvis.scene import (
     Transfer,
     VolumeRendering,
 )
-from elvis.scene.errors import SceneError
-from elvis.scene.quantities import quantities
+from elvis.scene.model.errors import SceneError
+from elvis.scene.model.quantities import quantities
 
 try:
     import pymetis
@@ -303,7 +303,7 @@ def test_bricks_of_files_match_the_whole(bent, tmp_path, monkeypatch):
     parts = read_parts(*read)
     assert 4 * parts.bytes == whole
     asked = bricks_asked_for(monkeypatch)
-    monkeypatch.setattr("elvis.plugins.data.dataset_of", None)
+    monkeypatch.setattr("elvis.plugins.data.data.dataset_of", None)
     command += ["--memory", str(int(0.72 * whole))]
     assert drawn_by_command(command, tmp_path, "memory: the process took up to") == expected
     assert [chosen.sum() for chosen in asked] == [1, 1, 1, 1]
@@ -340,7 +340,7 @@ NEXT = {
 @pytest.mark.sampled(least=3, free=("name",))
 @pytest.mark.parametrize("name", NEXT)
 def test_next_pictures_read_the_bricks_that_they_need(bent, name, tmp_path, monkeypatch):
-    monkeypatch.setattr("elvis.renderer.bricks.ELEMENTS", 4)
+    monkeypatch.setattr("elvis.renderer.parts.bricks.ELEMENTS", 4)
     asked, memory = bricks_asked_for(monkeypatch), 3.9 * Portion.whole(bent).bytes
     scenes = [replace(scene, field="u", size=(96, 72)) for scene in NEXT[name]]
     read = []

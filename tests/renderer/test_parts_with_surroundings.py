@@ -13,14 +13,14 @@ from elvis.core.testing.fields import approximated
 from elvis.core.testing.meshes import grid
 from elvis.core.testing.played_ranks import played
 from elvis.plugins.fourier import FourierBox, write_box
-from elvis.plugins.opening import PluginData
-from elvis.renderer.bricks import Bricks, InMemory
-from elvis.renderer.completing import located
-from elvis.renderer.parts import RankPart, of_ranks
-from elvis.renderer.rendering import Pictures
+from elvis.plugins.runtime.opening import PluginData
+from elvis.renderer.asking.completing import located
+from elvis.renderer.frame.rendering import Pictures
+from elvis.renderer.parts.bricks import Bricks, InMemory
+from elvis.renderer.parts.parts import RankPart, of_ranks
 from elvis.scene import Camera, Clip, CutSurface, Faces, Implicit, Isosurface, Plane, Scene
-from elvis.scene.errors import SceneError
-from elvis.scene.surfaces import Middle
+from elvis.scene.model.errors import SceneError
+from elvis.scene.model.surfaces import Middle
 
 GIVEN = Camera((2.9, -2.1, 1.9), (0.5, 0.5, 0.5), (0.0, 0.0, 1.0), height=1.8)
 TILTED = Plane((0.5, 0.45, 0.52), (0.3, 0.2, 1.0))

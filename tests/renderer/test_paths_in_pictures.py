@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from elvis import Glyphs, Streamlines, Style, open_series, read, render, write
-from elvis.core.dataset import Dataset
+from elvis.core.data.dataset import Dataset
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple
-from elvis.scene.errors import SceneError
+from elvis.scene.model.errors import SceneError
 
 TIMES = (0.0, 0.5, 1.1, 1.6)
 RADIUS = 0.03

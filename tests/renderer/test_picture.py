@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 from PIL import ImageFont
 
 from elvis import Camera, ColorBar, Contours, CutSurface, Faces, Plane, Scene, SceneError, Style
-from elvis.core.errors import FormatError
+from elvis.core.base.errors import FormatError
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
-from elvis.scene.palette import NOT_A_NUMBER, STEPS, Palette, automatic_range, is_constant, ticks
-from elvis.scene.picture import AXES, labels, letters_of_axes, notes, picture, sentences, shortest
+from elvis.scene.figure.picture import AXES, labels, letters_of_axes, notes, picture, sentences, shortest
+from elvis.scene.record.palette import NOT_A_NUMBER, STEPS, Palette, automatic_range, is_constant, ticks
 
 FINITE = st.floats(-1e12, 1e12)
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from elvis import Renderer, SceneError, Status
-from elvis.core.dataset import Field
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Field
 from elvis.core.mapping.inverse import Status as InverseStatus
 from elvis.core.mapping.locate import locate
 from elvis.core.mapping.margins import margins
+from elvis.core.mapping.patch import patches
 from elvis.core.mapping.pointwise import positions, values
-from elvis.core.patch import patches
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, mixed_volume, ripple
 

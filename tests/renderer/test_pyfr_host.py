@@ -78,7 +78,7 @@ def computed(tmp_path_factory):
     imported(folder / "mesh.msh", folder / "mesh.pyfrm")
     # each process has half of the elements, out of order
     deal(folder / "mesh.pyfrm", [0, 0, 1, 0, 1, 1])
-    host = ("-m", "elvis.renderer.pyfr_host", "run", "-b", "openmp", "mesh.pyfrm", "case.ini")
+    host = ("-m", "elvis.renderer.insitu.pyfr_host", "run", "-b", "openmp", "mesh.pyfrm", "case.ini")
     return folder, run("mpiexec", "-n", "2", sys.executable, *host)
 
 

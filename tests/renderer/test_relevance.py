@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from elvis.renderer.near_boxes import meets
+from elvis.renderer.parts.near_boxes import meets
 from elvis.scene import Cone
 
 

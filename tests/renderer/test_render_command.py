@@ -290,7 +290,7 @@ def test_outputs_are_a_unit(render, tmp_path, monkeypatch):
     def full(frame, path):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("elvis.scene.saving._save_exr", full)
+    monkeypatch.setattr("elvis.scene.figure.saving._save_exr", full)
     options = (*PLANE, "--size", "20x20", "--stats", tmp_path / "s.json", "--save-scene", tmp_path / "s.toml")
     status, err, files = render(CUBE, *options, outputs=("a.npz", "b.exr", "c.png"))
     assert (status, files) == (1, ["a.npz"])

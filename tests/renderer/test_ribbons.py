@@ -7,16 +7,16 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from elvis import Camera, Clip, CutSurface, Plane, SceneError, Sphere, Status, Streamlines, Style
-from elvis.core.dataset import Dataset, Field, Homogeneous
+from elvis.core.data.dataset import Dataset, Field, Homogeneous
 from elvis.core.polynomials.bases import Basis
 from elvis.core.shapes import Shape
 from elvis.core.streamlines.course import Course
-from elvis.core.streamlines.line_pieces import curves
+from elvis.core.streamlines.lines.pieces import curves
 from elvis.core.streamlines.ribbons import ribbons
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
 from elvis.scene.commandline.composing import composed
 from elvis.scene.commandline.parameters import streamlines
-from elvis.scene.tables import scene_of, table_of
+from elvis.scene.model.tables import scene_of, table_of
 
 #: of the screw: turns in time, speed along its axis y = z = 0.5
 TURN, SPEED = 1.2, 0.3

@@ -9,10 +9,10 @@ from archives import arrays_of
 from PIL import Image
 
 from elvis import Camera, Plane, Status
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, ripple
-from elvis.scene.picture import picture
+from elvis.scene.figure.picture import picture
 
 SCALARS = {
     "depth": np.float64,

@@ -30,9 +30,9 @@ from elvis import (
     TriangleMesh,
     VolumeRendering,
 )
-from elvis.core.errors import FormatError
-from elvis.scene.files import SUFFIXES, read_scene, write_scene
-from elvis.scene.tables import KINDS, scene_of, table_of
+from elvis.core.base.errors import FormatError
+from elvis.scene.model.files import SUFFIXES, read_scene, write_scene
+from elvis.scene.model.tables import KINDS, scene_of, table_of
 
 number = st.floats(-1e300, 1e300)
 positive = st.floats(1e-300, 1e300)

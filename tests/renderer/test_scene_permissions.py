@@ -6,7 +6,7 @@ import pytest
 
 from elvis import Scene, SceneError
 from elvis.scene.commandline.composing import composed
-from elvis.scene.files import SUFFIXES, read_scene, write_scene
+from elvis.scene.model.files import SUFFIXES, read_scene, write_scene
 
 
 @pytest.fixture
@@ -45,7 +45,7 @@ def test_a_plugin_of_a_scene_is_an_installed_one(folder, name):
 
 
 def test_the_command_runs_no_file_that_a_scene_names(folder, capsys):
-    from elvis.plugins.command import main
+    from elvis.plugins.command.command import main
 
     (folder / "x.py").write_text(PLUGIN)
     (folder / "d.xml").write_text("<NEKTAR/>")

@@ -15,15 +15,15 @@ from hypothesis import settings as settings_of_hypothesis
 from hypothesis import strategies as st
 
 from elvis import Camera, Faces, Scene, SceneError, Sphere, Style
-from elvis.core.seed_forms import FORMS
-from elvis.plugins.help_topics import GEOMETRY
+from elvis.core.streamlines.seed_forms import FORMS
+from elvis.plugins.command.help_topics import GEOMETRY
 from elvis.renderer.commands.render import render
 from elvis.scene import scene_schema
 from elvis.scene.commandline.options import scene_options
-from elvis.scene.files import read_scene
-from elvis.scene.settings import Model, settings
-from elvis.scene.surfaces import Surface
-from elvis.scene.tables import scene_of, table_of
+from elvis.scene.model.files import read_scene
+from elvis.scene.model.settings import Model, settings
+from elvis.scene.model.surfaces import Surface
+from elvis.scene.model.tables import scene_of, table_of
 
 if sys.version_info >= (3, 11):
     import tomllib

@@ -10,15 +10,15 @@ import pytest
 from archives import arrays_of
 
 from elvis import Dataset, write
-from elvis.core.dataset import Field
-from elvis.core.errors import FormatError
+from elvis.core.base.errors import FormatError
+from elvis.core.data.dataset import Field
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple
 from elvis.core.testing.played_ranks import played
 from elvis.formats.nektar import fields_input
 from elvis.plugins import data as data_module
-from elvis.plugins.command import elvis
-from elvis.plugins.running import Settings
+from elvis.plugins.command.command import elvis
+from elvis.plugins.command.running import Settings
 from elvis.plugins.series import series as series_module
 
 CUT = ("--plane", "0.5,0.45,0.52:0.3,0.2,1", "--size", "48x64")

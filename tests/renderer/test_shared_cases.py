@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from elvis import Camera, Plane, Scene
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 from elvis.core.shapes import Shape
 from elvis.reference.picture import render as render_reference
 

@@ -7,11 +7,11 @@ from elvis import Camera, Plane
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid, with_field
 from elvis.plugins.native.buffers import NativeVolume
-from elvis.renderer.device_volume import DeviceVolume
 from elvis.renderer.passes.lines.lines import Lines, line_coverage
 from elvis.renderer.passes.plane.cut import Cutter
-from elvis.renderer.pixels import NOBODY
-from elvis.scene.view import PlaneView, View
+from elvis.renderer.raster.pixels import NOBODY
+from elvis.renderer.volume.device_volume import DeviceVolume
+from elvis.scene.cameras.view import PlaneView, View
 
 SIZE, PIXEL = (130, 110), 1.2 / 110
 PLANES = {Shape.QUADRILATERAL: 0.0, Shape.TRIANGLE: 0.0, Shape.HEXAHEDRON: 0.52, Shape.TETRAHEDRON: 0.52}

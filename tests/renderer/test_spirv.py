@@ -9,9 +9,9 @@ import pytest
 from elvis import Renderer
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
-from elvis.renderer import kernel_cache
-from elvis.renderer.device import SHADERS, Device
-from elvis.renderer.kernel_database import content
+from elvis.renderer.device.device import SHADERS, Device
+from elvis.renderer.device.kernels import cache as kernel_cache
+from elvis.renderer.device.kernels.database import content
 
 #: capabilities by number in the specification of SPIR-V, and the features of Vulkan devices that they need
 ALLOWED = {

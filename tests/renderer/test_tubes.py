@@ -7,17 +7,17 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 from elvis import Camera, Clip, CutSurface, Faces, Plane, Scene, SceneError, Sphere, Status, Streamlines, Style
-from elvis.core.dataset import Dataset
+from elvis.core.data.dataset import Dataset
 from elvis.core.shapes import Shape
 from elvis.core.streamlines.streamlines import trace
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
-from elvis.renderer.completing import completed
+from elvis.renderer.asking.completing import completed
 from elvis.renderer.passes.tubes.tubes import GROUP_SIZE, TubeDrawer
 from elvis.scene.commandline.composing import composed
 from elvis.scene.commandline.parameters import streamlines
 from elvis.scene.commandline.writing import option_words
-from elvis.scene.quantities import quantities
-from elvis.scene.tables import scene_of, table_of
+from elvis.scene.model.quantities import quantities
+from elvis.scene.model.tables import scene_of, table_of
 
 
 def data(mesh, **functions):

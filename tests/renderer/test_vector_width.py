@@ -12,7 +12,7 @@ import sys
 import pytest
 from archives import arrays_of
 
-from elvis.renderer.adapters import adapters
+from elvis.renderer.device.adapters import adapters
 
 WIDTHS = ("256", "512") if "EVERY_TEST" in os.environ else ("256",)
 CASES = ("cut-HEXAHEDRON", "isosurface-TETRAHEDRON", "faces-TETRAHEDRON", "volume-HEXAHEDRON")

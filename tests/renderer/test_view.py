@@ -5,7 +5,7 @@ import pytest
 
 from elvis import Camera, Plane, Scene, SceneError
 from elvis.scene import NAMED_VIEWS
-from elvis.scene.view import PlaneView, face_on, fit_camera, named_camera
+from elvis.scene.cameras.view import PlaneView, face_on, fit_camera, named_camera
 
 PLANES = (Plane((0.2, -0.3, 0.5), (0.1, 0.2, 1.0)), Plane((1e3, 0.0, 0.0), (1.0, -1.0, 0.3)))
 SIZES = ((1, 1), (9, 17), (64, 48))

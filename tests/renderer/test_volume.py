@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from elvis import Camera, Plane, SceneError
-from elvis.core.dataset import Dataset
+from elvis.core.data.dataset import Dataset
+from elvis.core.data.mesh import Composite
 from elvis.core.mapping.connectivity import connected
-from elvis.core.mesh import Composite
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, with_field
 from elvis.scene import Clip, Transfer
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
 
 SOLIDS = [shape for shape in Shape if shape.dimension == 3]
 SIZE = (36, 30)

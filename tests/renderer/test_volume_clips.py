@@ -20,7 +20,7 @@ from elvis.scene import (
     TriangleMesh,
     VolumeRendering,
 )
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
 
 SIZE = (36, 30)
 VIEWS = {

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from elvis import Camera, Isosurface, SceneError, Status
-from elvis.core.dataset import Dataset
+from elvis.core.data.dataset import Dataset
 from elvis.core.mapping.connectivity import connected
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, with_field
 from elvis.formats.writing import write
 from elvis.plugins import command
 from elvis.renderer.passes.faces.faces import FaceDrawer
-from elvis.renderer.passes.volume.volume_rendering import _March
+from elvis.renderer.passes.volume.rendering import _March
 from elvis.scene import Transfer, VolumeRendering
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
 
 CAMERA = Camera((3.0, -4.0, 2.5), (0.5, 0.55, 0.55), height=1.9)
 SIZE = (36, 30)

@@ -5,7 +5,7 @@ import pytest
 from kernel_functions import parted, rows_of, width_of
 from numpy.polynomial import Polynomial
 
-from elvis.renderer.traversal import hermite_weights
+from elvis.renderer.volume.traversal import hermite_weights
 
 COUNT, NODES = 48, 8
 POWERS = np.array([[k % 3, k // 3 % 3, k // 9] for k in range(27)])

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from elvis import Dataset, write
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, grid
-from elvis.plugins.command import elvis
+from elvis.plugins.command.command import elvis
 from elvis.plugins.series.following import Following
-from elvis.scene.errors import SceneError
+from elvis.scene.model.errors import SceneError
 
 
 def watch(*arguments):

@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from elvis import DeviceError
-from elvis.renderer import drawing
+from elvis.renderer.device import drawing
 
 POINTS = ("--line", "0.4,0.5,0.4:0.5,0.5,0.4", "-n", "2")
 #: a process in which a module can't be imported; runs commands, prints the status and the words of each
@@ -21,7 +21,7 @@ class Absent:
 
 sys.meta_path.insert(0, Absent())
 import elvis.core, elvis.formats, elvis.renderer
-from elvis.plugins.command import main
+from elvis.plugins.command.command import main
 
 found = []
 for command in json.loads(sys.argv[1]):

@@ -3,7 +3,7 @@
 import cgns_writing as writing
 import numpy as np
 
-from elvis.converters.cgns_elements import _TYPES, element_type, nodes_of_type
+from elvis.converters.cgns.elements import _TYPES, element_type, nodes_of_type
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.shapes import Shape
 from elvis.plugins.projection.naming import local_sides

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from elvis.plugins.volume import interface_folder
-from elvis.renderer.device import SHADERS
+from elvis.plugins.runtime.volume import interface_folder
+from elvis.renderer.device.device import SHADERS
 
 HERE = Path(__file__).parents[1] / "renderer" / "shaders"
 #: elements of polynomial_volume.slang, whose degree is 2 in each direction

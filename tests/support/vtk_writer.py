@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from elvis.converters.vtk_cells import LAGRANGE, Cell, Kind
+from elvis.converters.vtk.cells import LAGRANGE, Cell, Kind
 from elvis.core.shapes import Shape
 
 #: number of nodes of Lagrange and Bezier cells of one order

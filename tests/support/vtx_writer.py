@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from trixi_writer import lobatto_line
 
-from elvis.converters.vtk_cells import Cell, Kind
+from elvis.converters.vtk.cells import Cell, Kind
 
 #: numbers of nodes of an order, by VTK's type of cells
 COUNTS: dict[int, Callable[[int], int]] = {

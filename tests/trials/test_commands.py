@@ -14,7 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from elvis.plugins import command, running
+from elvis.plugins import command
+from elvis.plugins.command import running
 
 ROOT = Path(__file__).resolve().parents[2]
 SOLVERS = ROOT.parent / "shared" / "data" / "solvers"

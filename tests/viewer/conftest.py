@@ -13,7 +13,7 @@ from driving import PATIENCE, settled
 from elvis import Dataset, Shape, write
 from elvis.core.testing import approximated, curved, grid, ripple
 from elvis.scene import Plane, Scene
-from elvis.scene.tables import table_of
+from elvis.scene.model.tables import table_of
 from elvis.viewer.drawing_process import Source
 from elvis.viewer.patches import FIXED
 from elvis.viewer.server import Server, serve

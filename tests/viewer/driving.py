@@ -71,7 +71,7 @@ class Fragile:
 
 
 def _source_of_lost_devices(files, lost):
-    from elvis.renderer.device import Kernel
+    from elvis.renderer.device.device import Kernel
 
     dispatch = Kernel._dispatch
 

@@ -7,7 +7,7 @@ import pytest
 from driving import PATIENCE, change, picture, settled
 
 from elvis import read, render, sample
-from elvis.scene.saving import save_pixels
+from elvis.scene.figure.saving import save_pixels
 
 #: texts with less contrast than WCAG 2.1 AA demands, and controls without a name or smaller than 24 pixels
 FAULTS = """() => {

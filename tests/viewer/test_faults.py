@@ -17,8 +17,8 @@ from types import SimpleNamespace
 import pytest
 from driving import PATIENCE, finished
 
-from elvis.core.errors import ElvisError
-from elvis.renderer.device_errors import DeviceError
+from elvis.core.base.errors import ElvisError
+from elvis.renderer.device.errors import DeviceError
 from elvis.scene import Scene
 from elvis.viewer import drawer, drawing_process, session
 from elvis.viewer.viewers import MAX_QUESTIONS, UNCONFIRMED, Viewer
@@ -232,7 +232,7 @@ def test_a_page_closed_during_sending_is_not_a_fault(viewer, caplog):
 def test_missing_files_are_reported_at_once():
     from click.testing import CliRunner
 
-    from elvis.plugins.command import elvis
+    from elvis.plugins.command.command import elvis
 
     outcome = CliRunner().invoke(elvis, ["view", "none.xml", "--no-browser", "--idle", "0"], standalone_mode=False)
     assert str(outcome.exception) == "none.xml: there is no such file"

@@ -4,7 +4,7 @@ import pytest
 from driving import add, settled
 
 from elvis import Scene, read
-from elvis.plugins.sample import write_sample
+from elvis.plugins.samples.sample import write_sample
 from elvis.viewer.contents import first_sight, wall_field
 
 

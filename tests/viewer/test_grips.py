@@ -10,8 +10,8 @@ from PIL import Image
 
 from elvis import ColorBar, read, render
 from elvis.reference.linear_pictures import LinearPictures
-from elvis.scene.palette import scales
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
+from elvis.scene.record.palette import scales
 
 
 def pull(page, grip, way):

@@ -6,13 +6,13 @@ from types import SimpleNamespace
 import pytest
 
 from elvis import Dataset, Shape, write
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 from elvis.core.portions.portion import Portion
 from elvis.core.testing import approximated, curved, grid, ripple
 from elvis.formats.nektar.dataset_parts import DatasetParts
-from elvis.renderer.bricks import Bricks
+from elvis.renderer.parts.bricks import Bricks
 from elvis.scene import Plane, Scene
-from elvis.scene.tables import table_of
+from elvis.scene.model.tables import table_of
 from elvis.viewer.drawing_process import _Drawing
 from elvis.viewer.moments import source_of
 
@@ -43,7 +43,7 @@ def told(scene, source):
 
 @pytest.mark.own_devices
 def test_bricks_report_the_same_as_the_whole(limited, monkeypatch):
-    monkeypatch.setattr("elvis.renderer.bricks.ELEMENTS", 3)
+    monkeypatch.setattr("elvis.renderer.parts.bricks.ELEMENTS", 3)
     known, of = [], DatasetParts.of
     monkeypatch.setattr(DatasetParts, "of", lambda own, chosen: known.append(chosen.mean()) or of(own, chosen))
     facts, file, picked, drawing = told(limited, source_of(limited))

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 from elvis.viewer.messages import MAX_QUANTITIES, Change, Pick, id_of, parsed, table_of_text
 from elvis.viewer.session import Session
 from elvis.viewer.viewers import Viewer

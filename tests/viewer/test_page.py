@@ -9,12 +9,12 @@ import pytest
 from driving import PATIENCE, add, canvas_place, change, choose, picture, setting, settled, turn
 
 from elvis import Shape, read, render, sample, write
-from elvis.core.extrema import extrema
+from elvis.core.bounds.extrema import extrema
 from elvis.core.testing import curved, grid, with_field
 from elvis.renderer.commands.render import render as render_command
 from elvis.scene import Scene
-from elvis.scene.files import read_scene
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
+from elvis.scene.model.files import read_scene
 
 
 def as_rendered(viewer, tmp_path):

@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 
 from elvis.scene import Deform, Scene
-from elvis.scene.errors import SceneError
-from elvis.scene.tables import scene_of
+from elvis.scene.model.errors import SceneError
+from elvis.scene.model.tables import scene_of
 from elvis.viewer.patches import FIXED, patched, placed, put_back, scene_of_page, without
 
 TABLE = {"field": "u", "objects": [{"kind": "isosurface", "values": [1.0]}]}

@@ -7,7 +7,7 @@ import pytest
 from driving import canvas_place, settled
 
 from elvis import Dataset, Shape
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 from elvis.core.testing import approximated, curved, grid, with_field
 from elvis.core.wall_curves import at_walls
 from elvis.viewer.wall_sections import wall_section

@@ -16,9 +16,9 @@ from PIL import Image
 from test_page import as_rendered
 
 from elvis import Dataset, Shape, read, render, write
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 from elvis.core.testing import approximated, grid
-from elvis.plugins.data import Reading
+from elvis.plugins.data.data import Reading
 from elvis.viewer import second_data
 from elvis.viewer.drawing_process import Source
 from elvis.viewer.second_data import MAX_FILES, SentFiles, plain_name, received, sources_with

@@ -17,8 +17,8 @@ from urllib.parse import urlsplit
 import pytest
 from driving import PATIENCE, finished
 
-from elvis.core.errors import ElvisError
-from elvis.scene.files import read_scene
+from elvis.core.base.errors import ElvisError
+from elvis.scene.model.files import read_scene
 from elvis.viewer import access
 from elvis.viewer.access import is_known_host
 from elvis.viewer.server import Server, serve

@@ -9,8 +9,8 @@ import pytest
 from driving import finished
 
 from elvis.scene import Scene, Transfer, VolumeRendering
-from elvis.scene.errors import SceneError
-from elvis.scene.tables import table_of
+from elvis.scene.model.errors import SceneError
+from elvis.scene.model.tables import table_of
 from elvis.viewer import session, sizing, viewers
 from elvis.viewer.drawer import Drawer
 from elvis.viewer.drawing_process import Source, _Drawing

@@ -8,7 +8,7 @@ from driving import PATIENCE, picture, settled
 from test_page import as_rendered
 
 from elvis import Copies, Dataset, Deform, Plane, Reference, Repeat, Scene, Shape, write
-from elvis.core.mesh import PERIODIC
+from elvis.core.data.mesh import PERIODIC
 from elvis.core.testing import approximated, grid
 from elvis.viewer.drawing_process import _Drawing
 from elvis.viewer.moments import source_of

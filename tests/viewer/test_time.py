@@ -9,7 +9,7 @@ from test_page import as_rendered
 
 from elvis import Copies, Dataset, ElvisError, Plane, Shape, write
 from elvis.core.testing import approximated, grid
-from elvis.plugins.data import Reading
+from elvis.plugins.data.data import Reading
 from elvis.plugins.series import following
 from elvis.plugins.testing.steps import polynomial, steps_of
 from elvis.scene import Scene

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from driving import add, change, settled
 
-from elvis.scene.tables import scene_of
+from elvis.scene.model.tables import scene_of
 
 
 def button(page, name):

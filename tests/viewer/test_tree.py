@@ -9,9 +9,9 @@ from driving import change, picture, settled
 from PIL import Image
 
 from elvis import Dataset, Scene, Shape, read, write
-from elvis.core.mesh import Composite
+from elvis.core.data.mesh import Composite
 from elvis.core.testing import approximated, grid
-from elvis.scene.tables import scene_of
+from elvis.scene.model.tables import scene_of
 from elvis.viewer.contents import contents_of
 
 

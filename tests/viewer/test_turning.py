@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from driving import canvas_place, change, settled
 
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
 
 NOTE = """() => {
   const queue = elvis.queue.bind(elvis);

@@ -8,7 +8,7 @@ import pytest
 from driving import change, settled
 
 from elvis import Camera, Plane, Sphere, read, render
-from elvis.renderer.drafts import drafted
+from elvis.renderer.device.drafts import drafted
 from elvis.scene import CutSurface, MeshLines, Style
 from elvis.viewer.depths import PARTS_OF_PIXEL, STEPS, depths_of, motion_of
 

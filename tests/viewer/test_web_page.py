@@ -11,10 +11,10 @@ from PIL import Image
 
 import elvis
 from elvis import Status
-from elvis.core.errors import ElvisError
-from elvis.plugins.command import elvis as command
+from elvis.core.base.errors import ElvisError
+from elvis.plugins.command.command import elvis as command
 from elvis.plugins.testing.steps import polynomial, steps_of
-from elvis.scene.files import write_scene
+from elvis.scene.model.files import write_scene
 from elvis.scene.web_page import _narrow
 
 READ_OUT = re.compile(r"(.*) = (\S+)  at \((.*), (.*), (.*)\)  element (\d+)  (\w+)  pixel (\d+), (\d+)")

@@ -13,15 +13,15 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.errors import FormatError
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.errors import FormatError
 from elvis.core.files.plain import content, leading
 from elvis.core.polynomials.collapse import collapse
 from elvis.core.polynomials.jacobi import jacobi
 from elvis.core.shapes import Shape
-from elvis.plugins.conversion import Elements, Reads
-from elvis.plugins.declared import Declared
-from elvis.plugins.nodal import NodalBlock, NodalConverter, NodalValues, ShapeFunctions
+from elvis.plugins.conversion.declared import Declared
+from elvis.plugins.conversion.nodal import NodalBlock, NodalConverter, NodalValues, ShapeFunctions
+from elvis.plugins.conversion.plugin import Elements, Reads
 
 #: numbers of types; tetrahedra and pyramids were never written
 _SHAPES = {1: Shape.HEXAHEDRON, 3: Shape.PRISM}

@@ -16,17 +16,27 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.converters.hdf5 import attribute, attributes, floats, holds, ints, number, reading, require, text, texts
-from elvis.converters.inputs import check_roles, check_rows
-from elvis.converters.unit import UNIT, lattice, unit_basis
-from elvis.core.arrays import Floats, Ints
-from elvis.core.errors import FormatError
-from elvis.core.mesh import PERIODIC
+from elvis.converters.shared.hdf5 import (
+    attribute,
+    attributes,
+    floats,
+    holds,
+    ints,
+    number,
+    reading,
+    require,
+    text,
+    texts,
+)
+from elvis.converters.shared.inputs import check_roles, check_rows
+from elvis.converters.shared.unit import UNIT, lattice, unit_basis
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.errors import FormatError
+from elvis.core.data.mesh import PERIODIC
 from elvis.core.polynomials.quadrature import gauss, lobatto
 from elvis.core.shapes import Shape
-from elvis.plugins.conversion import Boundary, Elements, PyramidSpace, Reads
-from elvis.plugins.declared import Declared
-from elvis.plugins.nodal import (
+from elvis.plugins.conversion.declared import Declared
+from elvis.plugins.conversion.nodal import (
     NodalBasis,
     NodalBlock,
     NodalConverter,
@@ -34,6 +44,7 @@ from elvis.plugins.nodal import (
     nearest_nodes,
     tensor_nodes,
 )
+from elvis.plugins.conversion.plugin import Boundary, Elements, PyramidSpace, Reads
 
 if TYPE_CHECKING:
     import h5py  # type: ignore[import-untyped]

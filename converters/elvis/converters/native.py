@@ -8,19 +8,19 @@ from pathlib import Path
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.conversion_errors import ConversionErrors
-from elvis.core.dataset import MAP_KEY, Dataset, Expansion
-from elvis.core.errors import ElvisError, FormatError
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.errors import ElvisError, FormatError
+from elvis.core.data.conversion_errors import ConversionErrors
+from elvis.core.data.dataset import MAP_KEY, Dataset, Expansion
+from elvis.core.data.mesh import Composite, Mesh
 from elvis.core.mapping.orientation import local_vertices
-from elvis.core.mesh import Composite, Mesh
-from elvis.core.patch import Patch, patches
+from elvis.core.mapping.patch import Patch, patches
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.polynomials.expansion import mode_count
 from elvis.core.shapes import Shape
 from elvis.formats.reading import is_native, read
-from elvis.plugins.conversion import Boundary, Converter, Elements, Option, PyramidSpace, Reads, SourceField
+from elvis.plugins.conversion.plugin import Boundary, Converter, Elements, Option, PyramidSpace, Reads, SourceField
 
 #: differences of values at vertices, as a share of the field's range, below which a field may be continuous
 _NEAR = 1e-14

@@ -15,7 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
-from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.base.arrays import Floats, frozen_floats
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from elvis.core.lazy import names_of_elvis
+from elvis.core.base.lazy import names_of_elvis
 
 if TYPE_CHECKING:
-    from elvis.core.errors import FormatError
+    from elvis.core.base.errors import FormatError
     from elvis.formats.writing import write
 
 __all__ = ["FormatError", "write"]

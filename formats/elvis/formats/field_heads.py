@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 
-from elvis.core.errors import FormatError
+from elvis.core.base.errors import FormatError
 from elvis.core.files.plain import leading
 from elvis.formats.nektar import hdf5, xml
 from elvis.formats.nektar.fields_input import read_hdf5_metadata, time_of

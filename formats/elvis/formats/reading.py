@@ -14,18 +14,20 @@ from typing import TypeAlias, TypeVar
 
 import numpy as np
 
-from elvis.core.arrays import Ints
-from elvis.core.conversion_errors import ConversionErrors
-from elvis.core.dataset import Dataset, Field
-from elvis.core.errors import ElvisError, FormatError
+from elvis.core.base.arrays import Ints
+from elvis.core.base.errors import ElvisError, FormatError
+from elvis.core.data.conversion_errors import ConversionErrors
+from elvis.core.data.dataset import Dataset, Field
+from elvis.core.data.mesh import Mesh
 from elvis.core.files.plain import leading
-from elvis.core.mesh import Mesh
 from elvis.core.portions.portion import Portion, carriers
 from elvis.core.quantities.reference_values import noted_values
-from elvis.formats.nektar import expansions, fields_input, geometry_hdf5, geometry_xml, hdf5, xml
+from elvis.formats.nektar import expansions, fields_input, hdf5, xml
 from elvis.formats.nektar.assembly import RawGeometry, assemble, mesh_of_ids, unite, unknown_members
 from elvis.formats.nektar.dataset_parts import DatasetParts
 from elvis.formats.nektar.fields_input import time_of
+from elvis.formats.nektar.geometry import hdf5 as geometry_hdf5
+from elvis.formats.nektar.geometry import xml as geometry_xml
 from elvis.formats.nektar.hdf5 import HDF5_SIGNATURE
 from elvis.formats.nektar.mapped_files import mapped
 from elvis.formats.nektar.remarks import Remark, read_remarks, with_remarks
@@ -97,7 +99,7 @@ def read_parts(*paths: str | Path, choose: Choice | None = None) -> DatasetParts
 
 def _staged(paths: Iterable[str | Path], make: Callable[[_Reader, list[str]], T], reader: _Reader) -> T:
     """`_read` with a progress message on the terminal."""
-    from elvis.core.terminal import stage
+    from elvis.core.base.terminal import stage
 
     files = tuple(map(Path, paths))
     with stage(f"reading {', '.join(file.name for file in files)}"):

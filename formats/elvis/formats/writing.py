@@ -8,14 +8,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal, get_args
 
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
 from elvis.core.files.output import Outputs, check_places
-from elvis.formats.nektar import fields_output, geometry_hdf5, geometry_output
+from elvis.formats.nektar import fields_output
 from elvis.formats.nektar.composites import with_domain
 from elvis.formats.nektar.expansions import completed_rules, write_rules
 from elvis.formats.nektar.fields_input import time_of
 from elvis.formats.nektar.fields_output import OutputSection, output_sections
+from elvis.formats.nektar.geometry import hdf5 as geometry_hdf5
+from elvis.formats.nektar.geometry import output as geometry_output
 from elvis.formats.nektar.session import write_session
 from elvis.formats.nektar.xml import document, write_metadata
 

@@ -5,12 +5,12 @@
 
 from __future__ import annotations
 
-from elvis.core.lazy import lazy_names
+from elvis.core.base.lazy import lazy_names
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from elvis.plugins.data import read
+    from elvis.plugins.data.data import read
 
 __all__ = ["read"]
 
-__getattr__ = lazy_names(__name__, {"elvis.plugins.data": ("read",)})
+__getattr__ = lazy_names(__name__, {"elvis.plugins.data.data": ("read",)})

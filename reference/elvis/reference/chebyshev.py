@@ -10,10 +10,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from elvis.core.arrays import Floats, frozen_floats
-from elvis.core.bounded_cache import bounded_cache
-from elvis.core.dataset import Expansion
-from elvis.core.patch import Patch
+from elvis.core.base.arrays import Floats, frozen_floats
+from elvis.core.base.bounded_cache import bounded_cache
+from elvis.core.data.dataset import Expansion
+from elvis.core.mapping.patch import Patch
 from elvis.core.shapes import Shape
 
 #: samples for each degree

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats
+from elvis.core.base.arrays import Bools, Floats
 from elvis.reference.surfaces import levels
 from elvis.scene import Clip, Implicit
 

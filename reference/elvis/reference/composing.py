@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints
 from elvis.reference.hits import Hits
 from elvis.reference.record import Record
 from elvis.scene import Scene, Style, Transfer
-from elvis.scene.palette import Palette
-from elvis.scene.streaks import toned
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
+from elvis.scene.flow.streaks import toned
+from elvis.scene.record.palette import Palette
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats
+from elvis.core.base.arrays import Bools, Floats
 from elvis.reference.extras import comparison_module
 from elvis.reference.record import Record
 

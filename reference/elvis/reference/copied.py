@@ -13,24 +13,24 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_floats, frozen_ints
-from elvis.core.dataset import Dataset, Expansion
-from elvis.core.errors import ElvisError
-from elvis.core.isometries import Isometry
+from elvis.core.base.arrays import Bools, Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset, Expansion
+from elvis.core.deformed.isometries import Isometry
 from elvis.core.mapping.boxes import Boxes, element_boxes
-from elvis.core.patch import Patch
+from elvis.core.mapping.patch import Patch
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.expansion import mode_count, values
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.attributes import Attributes
-from elvis.core.quantities.element_sides import SIDES
+from elvis.core.quantities.elements.sides import SIDES
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.moved_expressions import MovedLeaves, components
 from elvis.reference.quantities import Quantities
 from elvis.reference.selection import selected_faces
-from elvis.scene.fitting import surrounding
-from elvis.scene.frame import Frame
+from elvis.scene.cameras.fitting import surrounding
+from elvis.scene.record.frame import Frame
 
 
 class CopiedAttributes(Attributes):

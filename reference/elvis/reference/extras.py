@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from elvis.core.needing import require_module
+from elvis.core.base.needing import require_module
 
 
 def comparison_module(module: str, extra: str = "compare") -> Any:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Floats, Ints
-from elvis.scene.frame import Status
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.scene.record.frame import Status
 
 
 @dataclass(eq=False)

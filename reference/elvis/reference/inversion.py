@@ -17,17 +17,17 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.base.arrays import Bools, Floats, Ints, frozen_floats
 from elvis.core.mapping.inverse import Status
 from elvis.core.mapping.margins import TOLERANCE, drawn_in, margins
+from elvis.core.mapping.patch import Patch
 from elvis.core.mapping.tangents import duals
-from elvis.core.patch import Patch
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.evaluation import evaluate_at_with_gradients
 from elvis.core.polynomials.expansion import line_values
 from elvis.core.shapes import Shape
 from elvis.reference.chebyshev import bounds_of, lattice, lattice_lines, map_degrees
-from elvis.scene.time_limit import check_time
+from elvis.scene.model.time_limit import check_time
 
 _EPSILON = float(np.finfo(np.float64).eps)
 #: residual of a root, relative to the element's size, and roundings of coordinates that add to it

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
-from elvis.core.needing import MissingPackageError
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.errors import ElvisError
+from elvis.core.base.needing import MissingPackageError
+from elvis.core.data.dataset import Dataset
 from elvis.core.streamlines.course import TOLERANCE, Course, Flow
 from elvis.core.streamlines.tracer import Tracer
 from elvis.core.streamlines.velocity import Velocity, velocity_expressions
@@ -21,8 +21,8 @@ from elvis.reference.baseline.vtk_lines import linear_grid, places_after, set_ve
 from elvis.reference.extras import comparison_module
 from elvis.reference.quantities import Quantities
 from elvis.scene import Scene, Streamlines
-from elvis.scene.flow import course_of
-from elvis.scene.time_limit import check_time
+from elvis.scene.flow.flow import course_of
+from elvis.scene.model.time_limit import check_time
 
 #: maximum number of lines of an object that are compared, evenly among its seeds, and tolerance of the true ones
 #: relative to ours

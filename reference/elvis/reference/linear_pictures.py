@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
-from elvis.core.picturing import Kind
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
+from elvis.core.summary.picturing import Kind
 from elvis.reference.baseline.linear_drawing import Baseline, affordable
 from elvis.reference.quantities import Quantities, names_of
 from elvis.reference.study import complete, memory_limit
-from elvis.scene.frame import Frame, whole
+from elvis.scene.record.frame import Frame, whole
 
 
 class LinearPictures:

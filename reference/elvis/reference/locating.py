@@ -8,13 +8,13 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints
 from elvis.core.mapping.boxes import MARGIN, BoxTree, outward
 from elvis.core.mapping.inverse import Status
 from elvis.core.mapping.locate import Location
 from elvis.core.mapping.margins import margins
-from elvis.core.patch import Patch
-from elvis.plugins.host_patch import HostPatch
+from elvis.core.mapping.patch import Patch
+from elvis.plugins.runtime.host.patch import HostPatch
 from elvis.reference.inversion import Inverter
 
 #: pairs of a point and an element that are treated together

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Bools, Floats
+from elvis.core.base.errors import ElvisError
 from elvis.reference.cameras import same_camera
 from elvis.reference.contours import Displacement, displacement
 from elvis.reference.record import Record

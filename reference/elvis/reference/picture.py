@@ -14,28 +14,28 @@ from time import perf_counter
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
 from elvis.core.mapping.boxes import element_boxes
 from elvis.core.mapping.inverse import Status as InverseStatus
 from elvis.core.mapping.locate import Location
 from elvis.core.mapping.margins import TOLERANCE
+from elvis.core.mapping.patch import Patch, patches
 from elvis.core.mapping.pointwise import values
-from elvis.core.patch import Patch, patches
-from elvis.core.picturing import Kind
-from elvis.plugins.opening import PluginData
+from elvis.core.summary.picturing import Kind
+from elvis.plugins.runtime.opening import PluginData
 from elvis.reference.locating import Locator
 from elvis.reference.places import owners, polish
 from elvis.reference.scenes.drawing import render as draw
 from elvis.reference.settling import settle_range, supersample
 from elvis.reference.sources import DatasetSource, Source
 from elvis.scene import Faces, Scene
-from elvis.scene.errors import SceneError
-from elvis.scene.fitting import automatic, empty_picture_remark, surrounding
-from elvis.scene.frame import Frame, Status
-from elvis.scene.time_limit import check_time, limited
-from elvis.scene.view import PlaneView, view_of
+from elvis.scene.cameras.fitting import automatic, empty_picture_remark, surrounding
+from elvis.scene.cameras.view import PlaneView, view_of
+from elvis.scene.model.errors import SceneError
+from elvis.scene.model.time_limit import check_time, limited
+from elvis.scene.record.frame import Frame, Status
 
 
 def render(data: Dataset | PluginData, scene: Scene) -> Frame:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats
+from elvis.core.base.arrays import Bools, Floats
 from elvis.reference.hits import Hits
 from elvis.scene import Style, Vector
-from elvis.scene.palette import levels
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
+from elvis.scene.record.palette import levels
 
 
 def contour_values(style: Style, ends: tuple[float, float]) -> tuple[float, ...]:

@@ -7,17 +7,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from elvis.core.arrays import Floats
+from elvis.core.base.arrays import Floats
 from elvis.core.mapping.inverse import Status as InverseStatus
 from elvis.core.mapping.locate import Location
 from elvis.core.mapping.margins import TOLERANCE
 from elvis.core.mapping.orientation import chunks
+from elvis.core.mapping.patch import Patch
 from elvis.core.mapping.pointwise import positions_and_jacobians
 from elvis.core.mapping.tangents import duals
-from elvis.core.patch import Patch
-from elvis.plugins.host_patch import HostPatch
+from elvis.plugins.runtime.host.patch import HostPatch
 from elvis.reference.locating import Locator
-from elvis.scene.time_limit import check_time
+from elvis.scene.model.time_limit import check_time
 
 #: number of points that are located together
 _AT_ONCE = 1 << 12

@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.dataset import Dataset, Expansion
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.data.dataset import Dataset, Expansion
 from elvis.core.mapping.boxes import Boxes, element_boxes
-from elvis.core.patch import Patch
+from elvis.core.mapping.patch import Patch
 from elvis.core.polynomials.evaluation import evaluate, evaluate_at_with_gradients
 from elvis.core.quantities import Expression
 from elvis.core.quantities.evaluator import Evaluator
@@ -17,8 +17,8 @@ from elvis.core.streamlines.flow_data import FlowSource
 from elvis.reference.scenes.equations import Equation
 from elvis.reference.selection import selected_faces
 from elvis.scene import CutSurface, Implicit, Isosurface, Scene, VolumeRendering
-from elvis.scene.frame import Frame
-from elvis.scene.time_limit import check_time
+from elvis.scene.model.time_limit import check_time
+from elvis.scene.record.frame import Frame
 
 #: values of a quantity in elements ``rows`` (n,) of a patch, all at the same reference points (k, D): (n, k)
 Corners = Callable[[Patch, Ints, Floats], Floats]

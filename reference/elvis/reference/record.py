@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.errors import FormatError
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.errors import FormatError
 from elvis.core.files.archives import Archive
 from elvis.core.files.output import replacing
-from elvis.scene.frame import Frame
+from elvis.scene.record.frame import Frame
 
 #: channels and their dimensions beyond height and width
 CHANNELS = {"color": 3, "depth": 0, "field": 0, "element": 0, "position": 3, "reference": 3, "normal": 3, "status": 0}
@@ -46,7 +46,7 @@ class Record:
     @staticmethod
     def of(frame: Frame) -> Record:
         """The record of a frame that has reference coordinates."""
-        from elvis.scene.saving import arrays
+        from elvis.scene.figure.saving import arrays
 
         found = arrays(frame)
         return Record(**{name: found[name] for name in (*CHANNELS, "uncertainty")})

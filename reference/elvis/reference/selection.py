@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.data.mesh import Composite, Mesh
 from elvis.core.mapping.orientation import first_face_row
-from elvis.core.mesh import Composite, Mesh
-from elvis.core.patch import Patch
+from elvis.core.mapping.patch import Patch
 from elvis.core.shapes import Shape
 from elvis.reference.solids import faces_of, heights
-from elvis.scene.errors import SceneError
+from elvis.scene.model.errors import SceneError
 
 _FACES = {"T": Shape.TRIANGLE, "Q": Shape.QUADRILATERAL}
 

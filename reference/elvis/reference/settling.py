@@ -7,9 +7,9 @@ from dataclasses import replace
 
 from elvis.reference.sources import Source
 from elvis.scene import Glyphs, Scene, SceneObject, Streamlines, VolumeRendering
-from elvis.scene.errors import SceneError
-from elvis.scene.frame import Drawing, Frame
-from elvis.scene.palette import automatic_range
+from elvis.scene.model.errors import SceneError
+from elvis.scene.record.frame import Drawing, Frame
+from elvis.scene.record.palette import automatic_range
 
 Draw = Callable[[Source, Scene], Frame]
 

@@ -11,16 +11,16 @@ from functools import cache
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.cutting import Template, drawn_out, template
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.mapping.cutting import Template, drawn_out, template
 from elvis.core.mapping.margins import facets
 from elvis.core.mapping.orientation import face_shape
+from elvis.core.mapping.patch import Patch
 from elvis.core.mapping.pointwise import positions_and_jacobians
-from elvis.core.patch import Patch
 from elvis.core.polynomials.evaluation import evaluate, evaluate_at_with_gradients
 from elvis.core.shapes import Shape
-from elvis.plugins.host_patch import HostPatch
-from elvis.scene.time_limit import check_time
+from elvis.plugins.runtime.host.patch import HostPatch
+from elvis.scene.model.time_limit import check_time
 
 #: heights of zeta = -1 and zeta = 1, as `margins.facets` has them: normal and offset
 _LIDS = np.array([[0.0, 0.0, 0.5, 0.5], [0.0, 0.0, -0.5, 0.5]])

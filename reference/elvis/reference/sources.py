@@ -8,19 +8,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Floats
-from elvis.core.dataset import Dataset
-from elvis.core.isometries import Isometry
+from elvis.core.base.arrays import Floats
+from elvis.core.bounds.bounding import quantity_range
+from elvis.core.data.dataset import Dataset
+from elvis.core.deformed.isometries import Isometry
 from elvis.core.mapping.boxes import element_boxes
-from elvis.core.patch import patches
+from elvis.core.mapping.patch import patches
 from elvis.core.quantities import Expression
-from elvis.core.quantities.bounding import quantity_range
-from elvis.plugins.opening import PluginData
+from elvis.plugins.runtime.opening import PluginData
 from elvis.reference.copied import CopiedQuantities
 from elvis.reference.quantities import Quantities
 from elvis.reference.scenes.host_quantities import HostQuantities
-from elvis.scene.errors import SceneError
-from elvis.scene.fitting import surrounding
+from elvis.scene.cameras.fitting import surrounding
+from elvis.scene.model.errors import SceneError
 
 
 class Source(ABC):

@@ -10,15 +10,15 @@ from typing import cast
 
 import numpy as np
 
-from elvis.core.arrays import Floats
-from elvis.core.dataset import Dataset
+from elvis.core.base.arrays import Floats
+from elvis.core.base.errors import ElvisError
+from elvis.core.base.memory import free_memory
+from elvis.core.base.needing import MissingPackageError
+from elvis.core.data.dataset import Dataset
+from elvis.core.deformed.isometries import Isometry
 from elvis.core.distances.boundaries import ALL, boundaries
-from elvis.core.errors import ElvisError
-from elvis.core.isometries import Isometry
-from elvis.core.memory import free_memory
-from elvis.core.needing import MissingPackageError
-from elvis.core.patch import Patch
-from elvis.core.picturing import Kind
+from elvis.core.mapping.patch import Patch
+from elvis.core.summary.picturing import Kind
 from elvis.reference.baseline.deviations import (
     Deviation,
     Sampled,
@@ -42,8 +42,8 @@ from elvis.reference.record import Record
 from elvis.reference.sources import DatasetSource
 from elvis.reference.tolerances import Check, check_tolerances
 from elvis.scene import CutSurface, Faces, Isosurface, Scene, SceneObject, TriangleMesh, VolumeRendering
-from elvis.scene.frame import Frame, Status
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
+from elvis.scene.record.frame import Frame, Status
 
 #: longest side of the picture that the reference checks, in pixels
 VALIDATION_SIZE = 300
@@ -359,7 +359,7 @@ def _from_file(shown: SceneObject) -> bool:
 
 def drawing_device() -> Callable[..., Frame]:
     """The default drawing function; the reference itself imports no renderer."""
-    from elvis.plugins.registry import load
+    from elvis.plugins.command.registry import load
 
     return cast(Callable[..., Frame], load("elvis.devices", "auto"))
 

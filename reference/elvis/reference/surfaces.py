@@ -6,13 +6,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from elvis.core.arrays import Floats
+from elvis.core.base.arrays import Floats
+from elvis.core.base.needing import MissingPackageError
 from elvis.core.files.plain import check_plain
-from elvis.core.needing import MissingPackageError
 from elvis.reference.baseline.mesh import LinearMesh
 from elvis.reference.extras import comparison_module
 from elvis.scene import Cone, Cylinder, Plane, Sphere, Surface, TriangleMesh, Vector, unit
-from elvis.scene.errors import SceneError
+from elvis.scene.model.errors import SceneError
 
 
 def levels(surface: Surface, points: Floats) -> Floats:

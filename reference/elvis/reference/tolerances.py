@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats
-from elvis.core.relative import error_limit
+from elvis.core.base.arrays import Bools, Floats
+from elvis.core.base.relative import error_limit
 from elvis.reference.metrics import Place, extent, not_narrow, value_errors, value_range, worst
 from elvis.reference.record import Record
-from elvis.scene.frame import Status
+from elvis.scene.record.frame import Status
 
 #: maximum error of a value relative to the range, and of a position relative to the diagonal
 VALUE, POSITION = 1e-11, 1e-10

@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
 from elvis.formats.writing import write as write_native
-from elvis.plugins.exporting import GROUP, exporter
-from elvis.plugins.fourier_planes import has_waves
-from elvis.plugins.fourier_slabs import in_slabs
-from elvis.plugins.registry import plugins
+from elvis.plugins.command.registry import plugins
+from elvis.plugins.conversion.exporting import GROUP, exporter
+from elvis.plugins.fourier.planes import has_waves
+from elvis.plugins.fourier.slabs import in_slabs
 
 #: suffixes of files that are no datasets, and what writes such files
 _OTHER_FILES = {

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from elvis.core.needing import is_there
-from elvis.scene.showing import is_notebook
+from elvis.core.base.needing import is_there
+from elvis.scene.figure.showing import is_notebook
 
 
 def draw(*data: Any, **keywords: Any) -> None:
@@ -32,8 +32,8 @@ def draw(*data: Any, **keywords: Any) -> None:
     >>> gfu.Set(ngsolve.x * ngsolve.y)
     >>> elvis.draw(gfu)  # doctest: +SKIP
     """
-    from elvis.converters.live import live_data
-    from elvis.renderer.rendering import render
+    from elvis.converters.python.live import live_data
+    from elvis.renderer.frame.rendering import render
     from elvis.viewer.widget import view
 
     first, *rest = data or ((),)

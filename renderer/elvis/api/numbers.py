@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from elvis.core.dataset import Dataset
-from elvis.core.extrema import Extremum
+from elvis.core.bounds.extrema import Extremum
+from elvis.core.bounds.quantity_extrema import quantity_extrema
+from elvis.core.data.dataset import Dataset
 from elvis.core.quantities import Expression
-from elvis.core.quantity_extrema import quantity_extrema
 
 
 def extrema(dataset: Dataset, quantity: str) -> tuple[Extremum, Extremum]:

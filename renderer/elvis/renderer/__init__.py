@@ -7,10 +7,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from elvis.core.lazy import names_of_elvis
+from elvis.core.base.lazy import names_of_elvis
 
 if TYPE_CHECKING:
-    from elvis.renderer.rendering import Renderer, render
+    from elvis.renderer.frame.renderer import Renderer
+    from elvis.renderer.frame.rendering import render
 
 __all__ = ["Renderer", "render"]
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from elvis.core.lazy import lazy_names
+from elvis.core.base.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from elvis.scene.convolution import Lic
-    from elvis.scene.copies import Copies, Repeat, Turn
-    from elvis.scene.errors import SceneError
-    from elvis.scene.frame import Frame, Status
-    from elvis.scene.objects import (
+    from elvis.scene.model.convolution import Lic
+    from elvis.scene.model.copies import Copies, Repeat, Turn
+    from elvis.scene.model.errors import SceneError
+    from elvis.scene.model.objects import (
         CutSurface,
         Faces,
         Glyphs,
@@ -21,10 +20,11 @@ if TYPE_CHECKING:
         Transfer,
         VolumeRendering,
     )
-    from elvis.scene.style import ColorBar, Contours, MeshLines, Style
-    from elvis.scene.surfaces import Cone, Cylinder, Implicit, Plane, Sphere, Surface, TriangleMesh, Vector, unit
-    from elvis.scene.validation import scene_schema
-    from elvis.scene.whole import NAMED_VIEWS, Camera, Caption, Clip, Deform, Light, Reference, Scene
+    from elvis.scene.model.style import ColorBar, Contours, MeshLines, Style
+    from elvis.scene.model.surfaces import Cone, Cylinder, Implicit, Plane, Sphere, Surface, TriangleMesh, Vector, unit
+    from elvis.scene.model.validation import scene_schema
+    from elvis.scene.model.whole import NAMED_VIEWS, Camera, Caption, Clip, Deform, Light, Reference, Scene
+    from elvis.scene.record.frame import Frame, Status
 
 __all__ = [
     "NAMED_VIEWS",
@@ -69,11 +69,11 @@ __all__ = [
 __getattr__ = lazy_names(
     __name__,
     {
-        "elvis.scene.errors": ("SceneError",),
-        "elvis.scene.frame": ("Frame", "Status"),
-        "elvis.scene.convolution": ("Lic",),
-        "elvis.scene.copies": ("Copies", "Repeat", "Turn"),
-        "elvis.scene.objects": (
+        "elvis.scene.model.errors": ("SceneError",),
+        "elvis.scene.record.frame": ("Frame", "Status"),
+        "elvis.scene.model.convolution": ("Lic",),
+        "elvis.scene.model.copies": ("Copies", "Repeat", "Turn"),
+        "elvis.scene.model.objects": (
             "CutSurface",
             "Faces",
             "Glyphs",
@@ -83,8 +83,8 @@ __getattr__ = lazy_names(
             "Transfer",
             "VolumeRendering",
         ),
-        "elvis.scene.style": ("ColorBar", "Contours", "MeshLines", "Style"),
-        "elvis.scene.surfaces": (
+        "elvis.scene.model.style": ("ColorBar", "Contours", "MeshLines", "Style"),
+        "elvis.scene.model.surfaces": (
             "Cone",
             "Cylinder",
             "Implicit",
@@ -95,7 +95,16 @@ __getattr__ = lazy_names(
             "Vector",
             "unit",
         ),
-        "elvis.scene.validation": ("scene_schema",),
-        "elvis.scene.whole": ("Camera", "Caption", "Clip", "Deform", "Light", "NAMED_VIEWS", "Reference", "Scene"),
+        "elvis.scene.model.validation": ("scene_schema",),
+        "elvis.scene.model.whole": (
+            "Camera",
+            "Caption",
+            "Clip",
+            "Deform",
+            "Light",
+            "NAMED_VIEWS",
+            "Reference",
+            "Scene",
+        ),
     },
 )

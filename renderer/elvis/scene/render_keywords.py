@@ -11,9 +11,9 @@ from typing import Any, Literal, TypedDict
 
 from numpy.typing import ArrayLike
 
-from elvis.scene.convolution import Lic
-from elvis.scene.copies import Copies, Repeat, Turn
-from elvis.scene.objects import (
+from elvis.scene.model.convolution import Lic
+from elvis.scene.model.copies import Copies, Repeat, Turn
+from elvis.scene.model.objects import (
     CutSurface,
     Faces,
     Glyphs,
@@ -22,9 +22,9 @@ from elvis.scene.objects import (
     Streamlines,
     VolumeRendering,
 )
-from elvis.scene.style import ColorBar, Contours, MeshLines
-from elvis.scene.surfaces import Plane, Surface
-from elvis.scene.whole import Camera, Clip, Deform, Light, Reference
+from elvis.scene.model.style import ColorBar, Contours, MeshLines
+from elvis.scene.model.surfaces import Plane, Surface
+from elvis.scene.model.whole import Camera, Clip, Deform, Light, Reference
 
 
 class SharedKeywords(TypedDict, total=False):

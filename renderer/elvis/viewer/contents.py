@@ -11,8 +11,8 @@ from elvis.core.distances.boundaries import boundaries, names_of_boundaries
 from elvis.core.quantities.flows import CUSTOMARY, VECTORS
 
 if TYPE_CHECKING:
-    from elvis.core.dataset import Dataset
-    from elvis.core.mesh import Mesh
+    from elvis.core.data.dataset import Dataset
+    from elvis.core.data.mesh import Mesh
     from elvis.core.quantities import Names
 
 #: regions that a page lists, at most

@@ -13,9 +13,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from elvis.core.arrays import Floats
-    from elvis.scene.frame import Frame
-    from elvis.scene.strokes import Segments
+    from elvis.core.base.arrays import Floats
+    from elvis.scene.record.frame import Frame
+    from elvis.scene.record.strokes import Segments
 
 #: pixels of the depths of a sharp picture in each direction, at most
 MAX_SIDE = 400

@@ -10,9 +10,9 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from elvis.core.errors import ElvisError
-from elvis.core.memory import free_memory
-from elvis.scene.errors import AbsentError
+from elvis.core.base.errors import ElvisError
+from elvis.core.base.memory import free_memory
+from elvis.scene.model.errors import AbsentError
 from elvis.viewer.drawing_process import QUESTIONS, Process, Source, spawn
 
 #: name of the request for a picture that is saved

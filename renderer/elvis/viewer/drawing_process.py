@@ -20,20 +20,20 @@ from threading import Lock, Thread
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from elvis.scene.permissions import HTML
+from elvis.scene.model.permissions import HTML
 from elvis.viewer.encoding import bare, file_of, lossless, png, with_proof
 from elvis.viewer.other_pictures import OtherPictures
 from elvis.viewer.picture_facts import facts_of
 
 if TYPE_CHECKING:
-    from elvis.core.dataset import Dataset
+    from elvis.core.data.dataset import Dataset
     from elvis.core.distances.boundaries import Bodies
-    from elvis.plugins.data import Reading
-    from elvis.plugins.opening import PluginData
-    from elvis.renderer.bricks import Bricks, Opening
-    from elvis.renderer.deformed_data import DeformedData
-    from elvis.scene.frame import Frame
-    from elvis.scene.whole import Scene
+    from elvis.plugins.data.data import Reading
+    from elvis.plugins.runtime.opening import PluginData
+    from elvis.renderer.asking.deformed_data import DeformedData
+    from elvis.renderer.parts.bricks import Bricks, Opening
+    from elvis.scene.model.whole import Scene
+    from elvis.scene.record.frame import Frame
 
 #: cuts of each linear element, at most
 MOST_CUTS = 5
@@ -53,7 +53,7 @@ class Source:
     reading  options for reading the files, None for the defaults
     device   as of ``elvis render``
     is_live  whether the files belong to a running solver, whose newest step is shown
-    opening  function that opens the files of one state, None for `elvis.plugins.data.open_data`
+    opening  function that opens the files of one state, None for `elvis.plugins.data.data.open_data`
     """
 
     files: tuple[str, ...] = ()
@@ -93,9 +93,9 @@ def run(pipes: tuple[Connection, ...], newest: Any) -> None:
 
 def _import_ahead() -> None:
     """Import the modules of every picture while the server still processes the command."""
-    import elvis.plugins.data
-    import elvis.renderer.rendering
-    import elvis.scene.saving  # noqa: F401
+    import elvis.plugins.data.data
+    import elvis.renderer.frame.rendering
+    import elvis.scene.figure.saving  # noqa: F401
 
 
 class _OpenedOnce:
@@ -123,7 +123,7 @@ def _serve(pipe: Connection, opened: _OpenedOnce) -> None:
 
 def _answered(opened: _OpenedOnce, name: str, number: int, content: Any) -> tuple[str, int, Any]:
     """The answer to a request, or the reason why there is none."""
-    from elvis.core.errors import ElvisError, fault_sentence
+    from elvis.core.base.errors import ElvisError, fault_sentence
 
     try:
         return name, number, opened.drawing().answer(name, number, content)
@@ -136,8 +136,8 @@ def _answered(opened: _OpenedOnce, name: str, number: int, content: Any) -> tupl
 
 
 def _failure(error: Exception) -> str:
-    from elvis.scene.errors import AbsentError
-    from elvis.scene.time_limit import ObsoleteError
+    from elvis.scene.model.errors import AbsentError
+    from elvis.scene.model.time_limit import ObsoleteError
 
     if isinstance(error, AbsentError):
         return "absent"
@@ -148,7 +148,7 @@ class _Drawing:
     """Data, pictures of them, and the last one."""
 
     def __init__(self, source: Source, newest: Any) -> None:
-        from elvis.renderer.rendering import Pictures
+        from elvis.renderer.frame.rendering import Pictures
         from elvis.viewer.moments import Moments
 
         self._moments = Moments(source)
@@ -190,15 +190,15 @@ class _Drawing:
     @property
     def _few(self) -> Dataset | PluginData:
         """The data, a few elements where they come in bricks."""
-        from elvis.renderer.bricks import Bricks
+        from elvis.renderer.parts.bricks import Bricks
 
         return self._data.dataset if isinstance(self._data, Bricks) else self._data
 
     def _dataset(self, what: str) -> Dataset:
         """The dataset; ElvisError, which says what needs one, where there is none at hand."""
-        from elvis.core.dataset import Dataset
-        from elvis.core.errors import ElvisError
-        from elvis.renderer.bricks import Bricks
+        from elvis.core.base.errors import ElvisError
+        from elvis.core.data.dataset import Dataset
+        from elvis.renderer.parts.bricks import Bricks
 
         if isinstance(self._data, Bricks):
             raise ElvisError(f"{what} need all elements, which --memory does not allow: start elvis view without it")
@@ -208,13 +208,13 @@ class _Drawing:
 
     def _facts(self, _: int, __: Any) -> Table:
         """Choices that the page offers: quantities, boundaries, bounding box of the data."""
-        from elvis.core.axis_planes import box_of
-        from elvis.core.copied_domains import periods
-        from elvis.core.dataset import Dataset
+        from elvis.core.data.axis_planes import box_of
+        from elvis.core.data.dataset import Dataset
+        from elvis.core.deformed.copied_domains import periods
         from elvis.core.distances.boundaries import bodies, names_of_boundaries
-        from elvis.core.picturing import Kind
-        from elvis.plugins.serving import names_of
-        from elvis.renderer.bricks import Bricks
+        from elvis.core.summary.picturing import Kind
+        from elvis.plugins.runtime.serving import names_of
+        from elvis.renderer.parts.bricks import Bricks
         from elvis.viewer.contents import contents_of, grouped_names, wall_field
 
         data = self._few
@@ -254,10 +254,10 @@ class _Drawing:
 
         The file of a draft is followed by the numbers of `motion_of`.
         """
-        from elvis.renderer.drafts import drafted
-        from elvis.scene.picture import square_of_arrows
-        from elvis.scene.tables import scene_of
-        from elvis.scene.time_limit import stopped_when
+        from elvis.renderer.device.drafts import drafted
+        from elvis.scene.figure.picture import square_of_arrows
+        from elvis.scene.model.tables import scene_of
+        from elvis.scene.model.time_limit import stopped_when
         from elvis.viewer.depths import motion_of
         from elvis.viewer.sizing import draft_of
 
@@ -296,8 +296,8 @@ class _Drawing:
 
         content  as of ``draw``
         """
-        from elvis.core.errors import ElvisError
-        from elvis.scene.time_limit import ObsoleteError
+        from elvis.core.base.errors import ElvisError
+        from elvis.scene.model.time_limit import ObsoleteError
 
         last = self._last
         try:
@@ -312,8 +312,8 @@ class _Drawing:
 
     def _in_state(self, scene: Scene) -> Dataset | PluginData | Bricks:
         """The data at the moment of a scene, at its phase and on its geometry: all answers are about these."""
-        from elvis.renderer.bricks import Bricks
-        from elvis.renderer.deformed_data import DeformedData
+        from elvis.renderer.asking.deformed_data import DeformedData
+        from elvis.renderer.parts.bricks import Bricks
 
         data = self._moments.at(scene.moment)
         if isinstance(data, Bricks):
@@ -347,7 +347,7 @@ class _Drawing:
 
     def _last_picture(self) -> tuple[Frame, int]:
         """The last whole picture, and its number; ElvisError before the first."""
-        from elvis.core.errors import ElvisError
+        from elvis.core.base.errors import ElvisError
 
         if self._whole is None:
             raise ElvisError("no picture has been drawn yet")
@@ -358,8 +358,8 @@ class _Drawing:
 
         content  ``row``, ``column``; ``number`` of the picture that the page shows: None if it is another one
         """
-        from elvis.core.errors import ElvisError
-        from elvis.scene.frame import Status
+        from elvis.core.base.errors import ElvisError
+        from elvis.scene.record.frame import Status
 
         frame, own = self._last_picture()
         if content.get("number", own) != own:
@@ -403,7 +403,7 @@ class _Drawing:
         """Order and Jacobian determinant of the element at a point, if the data provide them."""
         import numpy as np
 
-        from elvis.core.errors import ElvisError
+        from elvis.core.base.errors import ElvisError
 
         known = self._known
         if "sampler" not in known:
@@ -418,9 +418,9 @@ class _Drawing:
 
     def _element_sampler(self) -> Any:
         """A sampler that locates and describes elements; None for the data of runtime plugins."""
-        from elvis.core.dataset import Dataset
+        from elvis.core.data.dataset import Dataset
         from elvis.core.quantities import Expression, evaluator
-        from elvis.plugins.serving import names_of
+        from elvis.plugins.runtime.serving import names_of
 
         if not isinstance(self._data, Dataset):
             return None
@@ -429,7 +429,7 @@ class _Drawing:
 
     def _line(self, _: int, content: Table) -> Table:
         """Exact values of quantities at points from one place to another."""
-        from elvis.core.sampling import line
+        from elvis.core.numbers.sampling import line
 
         dataset = self._dataset("lines of values")
         samples = line(dataset, content["quantities"], content["start"], content["end"], LINE_POINTS)
@@ -454,7 +454,7 @@ class _Drawing:
 
         content  ``level``: refinement of each element
         """
-        from elvis.scene.time_limit import stopped_when
+        from elvis.scene.model.time_limit import stopped_when
 
         frame, _ = self._last_picture()
         with stopped_when(lambda: self._newest.value > number):
@@ -466,7 +466,7 @@ class _Drawing:
 
         content  ``name`` of the other dataset
         """
-        from elvis.scene.time_limit import stopped_when
+        from elvis.scene.model.time_limit import stopped_when
 
         dataset = self._dataset("comparisons")
         if self._last is None:
@@ -477,7 +477,7 @@ class _Drawing:
     @cached_property
     def _linear_pictures(self) -> Any:
         """The renderer of linear elements, made on first use; ElvisError if the data are not a dataset."""
-        from elvis.plugins.registry import load
+        from elvis.plugins.command.registry import load
 
         dataset = self._dataset("linear elements")
         pictures: Any = load("elvis.comparisons", "linear")
@@ -485,7 +485,7 @@ class _Drawing:
 
     def _histogram(self, _: int, text: str) -> Table:
         """How much of the volume has which values of a quantity; counted once."""
-        from elvis.core.histogram import histogram
+        from elvis.core.numbers.histogram import histogram
         from elvis.core.quantities import Expression
 
         known = self._known
@@ -504,8 +504,8 @@ class _Drawing:
 
     def _extrema(self, _: int, text: str) -> list[Table]:
         """The minimum and the maximum value of a quantity over all elements, and where they are."""
+        from elvis.core.bounds.quantity_extrema import quantity_extrema
         from elvis.core.quantities import Expression
-        from elvis.core.quantity_extrema import quantity_extrema
 
         dataset = self._dataset("extrema")
         ends = quantity_extrema(dataset, Expression.of(dataset, text))
@@ -516,7 +516,7 @@ class _Drawing:
     def _check(self, _: int, text: str) -> str:
         """Nothing; ElvisError where a text names no quantity."""
         from elvis.core.quantities import Expression
-        from elvis.plugins.serving import names_of
+        from elvis.plugins.runtime.serving import names_of
 
         Expression.parse(text, names_of(self._few))
         return ""
@@ -526,8 +526,8 @@ class _Drawing:
 
         content  ``table`` and ``suffix``; ``directions`` and ``all_steps`` of a page
         """
-        from elvis.scene.tables import scene_of
-        from elvis.scene.time_limit import stopped_when
+        from elvis.scene.model.tables import scene_of
+        from elvis.scene.model.time_limit import stopped_when
         from elvis.viewer.page_files import page_file
 
         suffix = content["suffix"]

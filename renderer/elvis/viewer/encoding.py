@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from elvis.scene.frame import Frame
-    from elvis.scene.page import Layout
+    from elvis.scene.figure.page import Layout
+    from elvis.scene.record.frame import Frame
 
 #: quality of lean pictures, of 100
 LEAN_QUALITY = 85
@@ -30,7 +30,7 @@ def file_of(frame: Frame, suffix: str) -> bytes:
 
 def lossless(frame: Frame) -> tuple[bytes, Layout]:
     """The PNG file that ``elvis render`` writes, and where things lie on it."""
-    from elvis.scene.saving import save_pixels
+    from elvis.scene.figure.saving import save_pixels
 
     stream = BytesIO()
     layout = save_pixels(frame, stream, plain=frame.scene.plain)
@@ -44,7 +44,7 @@ def bare(frame: Frame, is_lean: bool = False) -> tuple[bytes, Layout]:
     """
     from PIL import Image
 
-    from elvis.scene.page import Layout
+    from elvis.scene.figure.page import Layout
 
     stream = BytesIO()
     quality: dict[str, Any] = {"quality": LEAN_QUALITY} if is_lean else {"lossless": True, "quality": 0}

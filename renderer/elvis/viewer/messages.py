@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal, NoReturn, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from elvis.core.errors import ElvisError
-from elvis.core.texts import LONGEST_TEXT
+from elvis.core.base.errors import ElvisError
+from elvis.core.base.texts import LONGEST_TEXT
 
 #: quantities of one request
 MAX_QUANTITIES = 100

@@ -6,16 +6,16 @@ from pathlib import Path
 from time import sleep
 from typing import TYPE_CHECKING, Any
 
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 
 if TYPE_CHECKING:
-    from elvis.core.dataset import Dataset
-    from elvis.core.moments import Moment
-    from elvis.plugins.opening import PluginData
+    from elvis.core.data.dataset import Dataset
+    from elvis.core.data.moments import Moment
+    from elvis.plugins.runtime.opening import PluginData
     from elvis.plugins.series.following import Following
     from elvis.plugins.series.series import Series
-    from elvis.renderer.bricks import Bricks
-    from elvis.scene.whole import Scene
+    from elvis.renderer.parts.bricks import Bricks
+    from elvis.scene.model.whole import Scene
     from elvis.viewer.drawing_process import Source
 
 #: steps at which values over time are found, at most
@@ -30,9 +30,9 @@ def source_of(
     is_kept  whether conversions are cached
     is_live  see `Source`
     """
-    from elvis.renderer.bricks import opening_for
-    from elvis.renderer.deformed_data import DeformedData
-    from elvis.renderer.request import reading_of
+    from elvis.renderer.asking.deformed_data import DeformedData
+    from elvis.renderer.asking.request import reading_of
+    from elvis.renderer.parts.bricks import opening_for
     from elvis.viewer.drawing_process import Source
 
     # what is known of the data before the first picture belongs to the geometry and the phase that it shows
@@ -49,9 +49,9 @@ class Moments:
 
     def __init__(self, source: Source) -> None:
         """Open the data; ElvisError where they can't be read, or a run has no whole step yet."""
-        from elvis.core.moments import Moment
-        from elvis.core.terminal import warn
-        from elvis.plugins.data import Reading, open_data
+        from elvis.core.base.terminal import warn
+        from elvis.core.data.moments import Moment
+        from elvis.plugins.data.data import Reading, open_data
         from elvis.plugins.series.series import series_in
 
         reading = source.reading or Reading()
@@ -114,7 +114,7 @@ class Moments:
         """Times, and exact values of a quantity at a place, None where it has none."""
         import numpy as np
 
-        from elvis.core.sampling import sample
+        from elvis.core.numbers.sampling import sample
 
         series = self._steps().narrowed(text)
         numbers = np.unique(np.linspace(0, len(series) - 1, min(len(series), MOST_STEPS)).round().astype(int))
@@ -131,7 +131,7 @@ class Moments:
 
     def range_of(self, text: str, scene: Scene) -> list[float]:
         """Certified bounds of a quantity over all steps, and over the copies in a scene."""
-        from elvis.renderer.series_range import range_over
+        from elvis.renderer.asking.series_range import range_over
 
         # a component on copies depends on those of its vector, so that no fields may be left out
         series = self._steps() if scene.copies else self._steps().narrowed(text)

@@ -7,14 +7,14 @@ from contextlib import nullcontext
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 from elvis.viewer.encoding import bare, png
 
 if TYPE_CHECKING:
-    from elvis.core.dataset import Dataset
-    from elvis.renderer.rendering import Pictures
-    from elvis.scene.frame import Frame
-    from elvis.scene.whole import Scene
+    from elvis.core.data.dataset import Dataset
+    from elvis.renderer.frame.rendering import Pictures
+    from elvis.scene.model.whole import Scene
+    from elvis.scene.record.frame import Frame
 
 
 class OtherPictures:
@@ -32,8 +32,8 @@ class OtherPictures:
 
         frame  of the dataset that is shown
         """
-        from elvis.renderer.drafts import drafted
-        from elvis.renderer.rendering import Pictures
+        from elvis.renderer.device.drafts import drafted
+        from elvis.renderer.frame.rendering import Pictures
 
         if name not in dataset.others:
             raise ElvisError(f"there is no second dataset {name!r:.40}")

@@ -8,12 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from elvis.scene.errors import SceneError
+from elvis.scene.model.errors import SceneError
 
 if TYPE_CHECKING:
     from elvis.renderer.commands.page_views import PageViews
-    from elvis.scene.frame import Frame
-    from elvis.scene.whole import Camera, Scene
+    from elvis.scene.model.whole import Camera, Scene
+    from elvis.scene.record.frame import Frame
 
 #: directions of a page
 MAX_DIRECTIONS = 360
@@ -43,7 +43,7 @@ def page_file(
     """
     from elvis.renderer.commands.page_views import PageViews
     from elvis.scene.commandline.composing import in_one_range
-    from elvis.scene.saving import save_views
+    from elvis.scene.figure.saving import save_views
 
     views = PageViews(directions, "all" if times else None)
     moments = [replace(scene, step=None, time=time) for time in times] or [scene]

@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from elvis.scene.errors import SceneError
-from elvis.scene.middle_planes import with_middles
-from elvis.scene.permissions import check_texts
-from elvis.scene.tables import Table, input_files, scene_of, steps_of, table_of
-from elvis.scene.whole import Scene
+from elvis.scene.model.errors import SceneError
+from elvis.scene.model.middle_planes import with_middles
+from elvis.scene.model.permissions import check_texts
+from elvis.scene.model.tables import Table, input_files, scene_of, steps_of, table_of
+from elvis.scene.model.whole import Scene
 
 #: keys of a scene that define inputs, code and outputs, or that have no meaning on a page
 FIXED = {"data", "plugin", "reader", "others", "complex", "device", "outputs", "stats", "scenes", "panels", "timeout"}

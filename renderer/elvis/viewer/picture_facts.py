@@ -5,15 +5,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from elvis.scene.frame import Frame
-    from elvis.scene.page import BarPlace, Layout
+    from elvis.scene.figure.page import BarPlace, Layout
+    from elvis.scene.record.frame import Frame
 
 Table = dict[str, Any]
 
 
 def facts_of(frame: Frame, layout: Layout) -> Table:
     """Facts of a picture for the page: its camera, the position of the image, counts, ranges, remarks."""
-    from elvis.scene.tables import table_of
+    from elvis.scene.model.tables import table_of
 
     height, width = frame.element.shape
     legends = [legend for legend in frame.legends if legend.palette is not None]
@@ -33,7 +33,7 @@ def facts_of(frame: Frame, layout: Layout) -> Table:
 
 def _facts_of_bar(bar: BarPlace) -> Table:
     """Position of a colour bar, and the values at its ends."""
-    from elvis.scene.palette import linear_part
+    from elvis.scene.record.palette import linear_part
 
     palette = bar.legend.palette
     assert palette is not None

@@ -6,11 +6,11 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 from elvis.core.files.output import check_inputs, check_place
-from elvis.scene.errors import SceneError
-from elvis.scene.files import SUFFIXES
-from elvis.scene.permissions import PICTURES, check_texts, fault_of
+from elvis.scene.model.errors import SceneError
+from elvis.scene.model.files import SUFFIXES
+from elvis.scene.model.permissions import PICTURES, check_texts, fault_of
 
 
 class TakenError(ElvisError):

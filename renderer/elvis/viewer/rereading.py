@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable, Sequence
 
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 from elvis.viewer.drawing_process import Source
 
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 
 if TYPE_CHECKING:
     from elvis.viewer.drawing_process import Source
@@ -104,8 +104,8 @@ def sources_with(source: Source, files: Sequence[Path]) -> list[Source]:
 
     Data in memory get a second dataset in memory.
     """
-    from elvis.core.dataset import Dataset
-    from elvis.plugins.data import Reading, dataset_of
+    from elvis.core.data.dataset import Dataset
+    from elvis.plugins.data.data import Reading, dataset_of
 
     if isinstance(source.data, Dataset):
         return [replace(source, data=source.data.with_others(**{NAME: dataset_of(files, Reading())}))]

@@ -18,9 +18,9 @@ from html import escape
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
-from elvis.core.errors import ElvisError
-from elvis.core.needing import require_module
-from elvis.scene.errors import SceneError
+from elvis.core.base.errors import ElvisError
+from elvis.core.base.needing import require_module
+from elvis.scene.model.errors import SceneError
 from elvis.viewer.access import LOGGER, Connections, refusal
 from elvis.viewer.messages import id_of, table_of_text
 from elvis.viewer.second_data import received
@@ -224,7 +224,7 @@ def _how(request: web.Request) -> dict[str, Any]:
 
 def page_facts() -> dict[str, Any]:
     """Facts from which the page makes its controls: the schema of scenes, the names of colour maps."""
-    from elvis.scene.validation import scene_schema
+    from elvis.scene.model.validation import scene_schema
 
     return {"schema": scene_schema(), "palettes": list(PALETTES)}
 

@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import asyncio
 import json
-import struct
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
-from types import MappingProxyType
-from typing import Any, TypeAlias
+from typing import Any
 
-from elvis.core.errors import ElvisError, fault_sentence
+from elvis.core.base.errors import ElvisError, fault_sentence
+from elvis.core.base.terminal import warn
 from elvis.core.files.output import write_bytes
-from elvis.core.terminal import warn
-from elvis.scene.errors import AbsentError, SceneError
-from elvis.scene.files import SUFFIXES, scene_text
-from elvis.scene.permissions import PICTURES
-from elvis.scene.tables import Table, input_files, table_of
-from elvis.scene.whole import Scene
+from elvis.scene.model.errors import AbsentError, SceneError
+from elvis.scene.model.files import SUFFIXES, scene_text
+from elvis.scene.model.permissions import PICTURES
+from elvis.scene.model.tables import Table, input_files, table_of
+from elvis.scene.model.whole import Scene
 from elvis.viewer import messages
 from elvis.viewer.contents import first_sight
 from elvis.viewer.drawer import SAVE, DiedError, Drawer
@@ -50,7 +48,7 @@ TRIALS = 2
 #: objects that can be hidden
 MOST_HIDDEN = 1000
 #: a scene's table, and the objects that are hidden: each its key and itself
-Shown: TypeAlias = tuple[Table, tuple[Table, ...]]
+Shown = tuple[Table, tuple[Table, ...]]
 
 
 @dataclass(eq=False)
@@ -297,7 +295,7 @@ class Session:
         writers = {"command": command_of, "Python": python_of}
         return writers[language](self.current)
 
-    async def content_of(self, suffix: str, how: Mapping[str, Any] = MappingProxyType({})) -> bytes:
+    async def content_of(self, suffix: str, how: Mapping[str, Any] | None = None) -> bytes:
         """The contents of a file to save: the scene, its picture or record; ElvisError for another suffix.
 
         how  ``size`` and ``samples`` of a picture if they differ from the scene's; ``directions`` and ``all_steps`` of
@@ -307,7 +305,7 @@ class Session:
             return self.text(suffix).encode()
         if suffix not in PICTURES:
             raise SceneError(f"expected a name that ends in {', '.join((*SUFFIXES, *PICTURES))}, found {suffix!r:.80}")
-        return await self._file(suffix, how)
+        return await self._file(suffix, how or {})
 
     async def _write(self, name: str, confirmed: bool = False) -> Table:
         """Write what `content_of` gives into the folder of the data: where it is, or a question; else ElvisError."""
@@ -527,7 +525,7 @@ class Session:
     async def _show(self, facts: Table, file: bytes) -> None:
         """A picture to all who look: the length of the facts, the facts, the file."""
         head = json.dumps(facts).encode()
-        message = struct.pack("<I", len(head)) + head + file
+        message = len(head).to_bytes(4, "little") + head + file
         self._number += 1
         if facts["final"]:
             self.message, self._settled = message, facts["revision"]

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from elvis.core.arguments import cache_option
+from elvis.core.data.arguments import cache_option
 from elvis.scene.commandline.command import SceneCommand, setting_option
 
 #: keys of a scene that have no meaning for a window
@@ -63,12 +63,12 @@ def view(
     process = spawn()
     from contextlib import ExitStack, suppress
 
+    from elvis.core.base.terminal import say
     from elvis.core.files.plain import check_plain_or_folder
-    from elvis.core.terminal import say
     from elvis.plugins.series.step_names import expanded
-    from elvis.renderer.series_range import with_range
+    from elvis.renderer.asking.series_range import with_range
     from elvis.scene.commandline.composing import composed
-    from elvis.scene.errors import SceneError
+    from elvis.scene.model.errors import SceneError
     from elvis.viewer.access import open_browser
     from elvis.viewer.moments import source_of
     from elvis.viewer.server import Server, run_until_interrupted, serve

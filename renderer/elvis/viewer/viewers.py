@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from time import perf_counter
 from typing import Any, TypeAlias
 
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 from elvis.viewer.messages import id_of
 
 #: pictures on their way to a page that it has not confirmed, at most

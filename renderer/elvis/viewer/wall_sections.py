@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from elvis.core.base.errors import ElvisError
 from elvis.core.distances.boundaries import names_of_boundaries
-from elvis.core.errors import ElvisError
 from elvis.core.quantities import Expression
 
 if TYPE_CHECKING:
-    from elvis.core.arrays import Floats
-    from elvis.core.dataset import Dataset
+    from elvis.core.base.arrays import Floats
+    from elvis.core.data.dataset import Dataset
 
 #: points along a wall
 COUNT = 1201

@@ -16,14 +16,14 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from elvis.core.dataset import Dataset
-from elvis.core.needing import require_module
-from elvis.plugins.opening import PluginData
-from elvis.renderer.rendering import render
-from elvis.renderer.request import Request
-from elvis.scene.frame import Frame
-from elvis.scene.tables import table_of
-from elvis.scene.whole import Scene
+from elvis.core.base.needing import require_module
+from elvis.core.data.dataset import Dataset
+from elvis.plugins.runtime.opening import PluginData
+from elvis.renderer.asking.request import Request
+from elvis.renderer.frame.rendering import render
+from elvis.scene.model.tables import table_of
+from elvis.scene.model.whole import Scene
+from elvis.scene.record.frame import Frame
 from elvis.viewer.drawing_process import Source
 from elvis.viewer.moments import source_of
 from elvis.viewer.patches import FIXED
@@ -118,7 +118,7 @@ class NotebookViewer:
 
     async def _compare(self, message: dict[str, Any], buffers: Any) -> None:
         """Take a part of a file of a second dataset; or read this dataset, once all files are here."""
-        from elvis.core.errors import ElvisError
+        from elvis.core.base.errors import ElvisError
 
         session = self._session
         try:
@@ -152,7 +152,7 @@ class NotebookViewer:
 
     async def _save(self, message: dict[str, Any]) -> None:
         """A file for the browser to keep."""
-        from elvis.core.errors import ElvisError
+        from elvis.core.base.errors import ElvisError
 
         suffix = str(message.get("suffix"))
         try:

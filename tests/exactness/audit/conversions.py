@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 
 from elvis import from_ngsolve, sample
-from elvis.core.conversion_errors import ConversionErrors
+from elvis.core.data.conversion_errors import ConversionErrors
 
 #: points in each element
 COUNT = 10

@@ -11,7 +11,7 @@ from math import atan, erf, pi, sqrt
 
 import numpy as np
 
-from elvis.core.dataset import Dataset
+from elvis.core.data.dataset import Dataset
 from elvis.core.integrals import integrate
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, with_field

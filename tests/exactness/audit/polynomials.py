@@ -8,7 +8,7 @@ from math import log2
 import numpy as np
 
 from audit import basis
-from elvis.core.dataset import Block
+from elvis.core.data.dataset import Block
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.shapes import Shape
 

@@ -8,15 +8,15 @@ import numpy as np
 from audit.families import FAMILIES
 from audit.validating import Count
 from elvis import Renderer, Scene, SceneError
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
-from elvis.plugins.serving import volume_of
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
+from elvis.plugins.runtime.serving import volume_of
 from elvis.reference.picture import render as reference
-from elvis.renderer.completing import completed
-from elvis.scene.frame import Drawing, Frame, Status
-from elvis.scene.quantities import quantities
-from elvis.scene.time_limit import ObsoleteError, stopped_when
-from elvis.scene.view import View
+from elvis.renderer.asking.completing import completed
+from elvis.scene.cameras.view import View
+from elvis.scene.model.quantities import quantities
+from elvis.scene.model.time_limit import ObsoleteError, stopped_when
+from elvis.scene.record.frame import Drawing, Frame, Status
 
 
 def case_of(family, seed, number, size=None):

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from audit.worlds import BORDER, margins
-from elvis.scene.frame import Status
+from elvis.scene.record.frame import Status
 
 
 @dataclass

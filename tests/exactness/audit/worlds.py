@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from audit.polynomials import X, Y, Z, exact_block
-from elvis.core.dataset import Dataset, Field
-from elvis.core.geometry import geometry
+from elvis.core.data.dataset import Dataset, Field
+from elvis.core.data.mesh import Mesh
 from elvis.core.mapping.connectivity import connected
+from elvis.core.mapping.geometry import geometry
 from elvis.core.mapping.orientation import local_vertices
-from elvis.core.mesh import Mesh
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid, mixed_plane, mixed_volume
 

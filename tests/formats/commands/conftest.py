@@ -3,7 +3,7 @@ import json
 import pytest
 from click.testing import CliRunner
 
-from elvis.plugins.command import elvis as group
+from elvis.plugins.command.command import elvis as group
 
 
 @pytest.fixture

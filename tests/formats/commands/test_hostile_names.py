@@ -10,9 +10,9 @@ from click.testing import CliRunner
 
 import elvis.viewer
 from elvis import Dataset, ElvisError, Shape, sample, write
-from elvis.core.terminal import plain_names
+from elvis.core.base.terminal import plain_names
 from elvis.core.testing import approximated, grid
-from elvis.plugins.command import elvis as group
+from elvis.plugins.command.command import elvis as group
 
 #: a title of the window, C1 deletion, text that runs backwards and isolates, deletion
 CONTROLS = "\x1b]0;t\x07\x9b2J\u202e\u2066\x7f"

@@ -8,10 +8,10 @@ from click.testing import CliRunner
 
 from elvis import Dataset, ElvisError, read, write
 from elvis.core.shapes import Shape
-from elvis.core.summary import summary
+from elvis.core.summary.summary import summary
 from elvis.core.testing import curved, grid, one_element, with_field
-from elvis.plugins.command import elvis as group
-from elvis.renderer.commands.info_tables import _size, shortened
+from elvis.plugins.command.command import elvis as group
+from elvis.renderer.commands.info.tables import _size, shortened
 
 
 @pytest.fixture

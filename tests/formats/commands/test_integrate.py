@@ -7,9 +7,9 @@ from archives import arrays_of
 from click.testing import CliRunner
 
 from elvis import Dataset, ElvisError, Shape, integrate, read, write
-from elvis.core.rounded_up import rounded_up
+from elvis.core.base.rounded_up import rounded_up
 from elvis.core.testing import grid, with_field
-from elvis.plugins.command import elvis as group
+from elvis.plugins.command.command import elvis as group
 
 KEYS = ["over", "integrand", "value", "error", "estimate", "measure", "exact", "kind", "finished"]
 
@@ -66,7 +66,7 @@ def test_python_gives_the_same_result(channel, elvis_json):
 
 def test_an_unreached_tolerance_is_reported(channel, elvis, capsys, monkeypatch):
     told = []
-    monkeypatch.setattr("elvis.core.terminal.warn", told.append)
+    monkeypatch.setattr("elvis.core.base.terminal.warn", told.append)
     monkeypatch.setattr("elvis.core.integrals.refinement._MOST", 1 << 14)
     elvis("integrate", *channel, "--field", "abs(x - 0.1*y)", "--error", "1e-12")
     assert len(told) == 1
@@ -152,7 +152,7 @@ def test_progress_reports_the_error_reached(channel, monkeypatch):
     from elvis.renderer.commands import integrate as command
 
     lines, reached = [], []
-    monkeypatch.setattr("elvis.core.terminal.announce", lines.append)
+    monkeypatch.setattr("elvis.core.base.terminal.announce", lines.append)
     integrate(read(*channel), "abs(x - 0.1*y)", error=1e-3, reached=reached.append)
     assert reached[-1] <= 1e-3 < reached[0]
     monkeypatch.setattr(command, "REPORT_AFTER", 0.0)

@@ -49,7 +49,7 @@ def test_norms_of_quantities_equal_their_integrals(nektar, elvis):
 def test_the_norm_of_a_constant_is_normalised_and_a_note_says_so(nektar, elvis, monkeypatch, text, is_told):
     """A cube of edge 2."""
     told = []
-    monkeypatch.setattr("elvis.core.terminal.warn", told.append)
+    monkeypatch.setattr("elvis.core.base.terminal.warn", told.append)
     channel = nektar / "chan3d_tet" / "chan3D.xml", nektar / "chan3d_tet" / "chan3D.fld"
     found = json.loads(elvis("norms", "--json", *channel, "--field", text))
     if is_told:

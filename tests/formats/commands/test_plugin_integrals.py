@@ -6,7 +6,7 @@ from math import pi, sqrt
 import numpy as np
 import pytest
 
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 
 
 @pytest.fixture

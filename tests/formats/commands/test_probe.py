@@ -181,7 +181,7 @@ def test_a_field_with_the_name_of_a_column_is_skipped(elvis, tmp_path, monkeypat
     fields = [approximated(mesh, name, lambda x: x[:, 0], 1) for name in ("element", "u")]
     files = write(Dataset(mesh.mesh, tuple(fields)), tmp_path / "both.xml")
     told = []
-    monkeypatch.setattr("elvis.core.terminal.warn", told.append)
+    monkeypatch.setattr("elvis.core.base.terminal.warn", told.append)
     found = table(elvis("probe", *files, "--point", "0.5,0.5"))
     assert list(found) == ["point", "x", "y", "z", "element", "status", "u"]
     assert [text.split(";")[0] for text in told] == ["the field 'element' has the name of a column"]
@@ -241,7 +241,7 @@ def test_a_grid_does_not_replace_its_data(elvis, tmp_path):
 def test_another_solution_in_an_expression(channel, elvis, monkeypatch):
     """The same files twice; beyond the domain there is nothing to be told."""
     told = []
-    monkeypatch.setattr("elvis.core.terminal.warn", told.append)
+    monkeypatch.setattr("elvis.core.base.terminal.warn", told.append)
     other = f"--other=ref={channel[0]},{channel[1]}"
     found = table(elvis("probe", *channel, other, "--line", "0,0,0:0,0,2", "-n", 5, "--field", "u - ref:u"))
     np.testing.assert_allclose(found["u - ref:u"], [0, 0, 0, np.nan, np.nan], atol=1e-12)

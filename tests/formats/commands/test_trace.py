@@ -6,7 +6,7 @@ from archives import arrays_of
 from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
 
 from elvis import ElvisError, trace, write
-from elvis.core.dataset import Dataset
+from elvis.core.data.dataset import Dataset
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, grid, mixed_plane
 
@@ -51,7 +51,7 @@ def test_files_of_all_kinds_contain_the_same_lines(shear, elvis, tmp_path):
 
 def test_printed_output(shear, elvis, elvis_json, monkeypatch):
     told = []
-    monkeypatch.setattr("elvis.core.terminal.warn", told.append)
+    monkeypatch.setattr("elvis.core.base.terminal.warn", told.append)
     rows = elvis("trace", *shear[1], *SEEDS, "--velocity", "u,0.1", "--duration", "1e-3").splitlines()
     assert [row.split()[0] for row in rows] == ["end", "duration", "outside"]
     assert told == ["1 of 3 seeds lie outside the mesh"]

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from elvis import write
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, grid
 

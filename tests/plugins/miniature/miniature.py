@@ -2,7 +2,7 @@
 
 import click
 
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 
 
 @click.command("hello", short_help="Greet.")

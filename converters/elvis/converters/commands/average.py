@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from elvis.core.arguments import (
+from elvis.core.base.errors import ElvisError
+from elvis.core.base.rounded_up import rounded_up
+from elvis.core.data.arguments import (
     TextType,
     cache_option,
     evenly,
@@ -16,12 +18,10 @@ from elvis.core.arguments import (
     reader_and_names_option,
     set_option,
 )
-from elvis.core.errors import ElvisError
-from elvis.core.rounded_up import rounded_up
 
 if TYPE_CHECKING:
-    from elvis.core.dataset import Dataset
-    from elvis.plugins.data import Reading
+    from elvis.core.data.dataset import Dataset
+    from elvis.plugins.data.data import Reading
     from elvis.plugins.series.extrema import FitError
     from elvis.plugins.series.series import Series
     from elvis.plugins.series.statistics import Average
@@ -61,7 +61,7 @@ def _span(found: Average, series: Series) -> str:
 
 def _tell(found: Average, order: int | None) -> None:
     """Print which fields a mean leaves out, and the errors of statistics."""
-    from elvis.core.terminal import note
+    from elvis.core.base.terminal import note
 
     for remark in found.dataset.remarks:
         note(remark)
@@ -78,8 +78,8 @@ def _write_along(
     files: Sequence[Path], direction: str, planes: tuple[float, float, int] | None, output: Path, reading: Reading
 ) -> None:
     """Write the mean of one state along a direction, or means over planes across it."""
-    from elvis.core.terminal import note
-    from elvis.plugins.data import dataset_of
+    from elvis.core.base.terminal import note
+    from elvis.plugins.data.data import dataset_of
     from elvis.plugins.series.series import series_in
 
     if series_in(files, reading) is not None:
@@ -95,9 +95,9 @@ def _write_along(
 
 def _write_mean_mode(dataset: Dataset, direction: str, output: Path) -> None:
     """Write the mean along a direction."""
-    from elvis.core.terminal import note, say
+    from elvis.core.base.terminal import note, say
     from elvis.formats.writing import write
-    from elvis.plugins.extruded_mean import mean_along
+    from elvis.plugins.means.extruded_mean import mean_along
 
     found = mean_along(dataset, direction)
     for remark in found.remarks:
@@ -110,9 +110,9 @@ def _write_planes(dataset: Dataset, direction: str, planes: tuple[float, float, 
     """Write a table of means over planes across a direction."""
     import numpy as np
 
+    from elvis.core.base.terminal import say, stage
     from elvis.core.files.columns import write_columns
-    from elvis.core.terminal import say, stage
-    from elvis.plugins.plane_means import plane_means
+    from elvis.plugins.means.plane_means import plane_means
 
     with stage(f"means over {planes[2]} planes"):
         found = plane_means(dataset, direction, np.linspace(*planes).tolist())
@@ -139,9 +139,9 @@ def _check_direction(direction: str | None, has_planes: bool, is_alone: bool, ou
 
 def _write_wall(series: Series, wall: str, over: str, output: Path, is_alone: bool) -> None:
     """Write the statistics of a wall; UsageError unless the name ends in .xml and there are no other statistics."""
-    from elvis.core.terminal import note, say, stage
+    from elvis.core.base.terminal import note, say, stage
     from elvis.formats.writing import write
-    from elvis.plugins.wall_statistics import wall_statistics
+    from elvis.plugins.means.wall_statistics import wall_statistics
 
     if output.suffix != ".xml" or not is_alone:
         expected = "expected --wall with -o NAME.xml, without --covariances, --extrema, --order"
@@ -226,10 +226,10 @@ def average(
     Covariances of the fluctuations about the means are also exact, in bases of twice the degree: u_u is the square of
     the rms fluctuation of u.  If a basis does not contain them, an estimate of the error is printed.
     """
+    from elvis.core.base.terminal import say
     from elvis.core.files.output import check_places
-    from elvis.core.terminal import say
     from elvis.formats.writing import write
-    from elvis.plugins.data import Reading, pairs
+    from elvis.plugins.data.data import Reading, pairs
     from elvis.plugins.series.series import open_series
     from elvis.plugins.series.statistics import average as mean_of
     from elvis.plugins.series.step_names import expanded

@@ -16,17 +16,17 @@ from elvis.converters.commands.convert_changes import (
     with_stream_function,
 )
 from elvis.converters.commands.field_options import field_options
-from elvis.core.arguments import between_option, names_option, other_option, set_option, time_option
-from elvis.core.moments import Moment
+from elvis.core.data.arguments import between_option, names_option, other_option, set_option, time_option
+from elvis.core.data.moments import Moment
 
 if TYPE_CHECKING:
-    from elvis.core.dataset import Dataset
-    from elvis.plugins.chosen_fields import ChosenFields
-    from elvis.plugins.conversion import Converter, Option
-    from elvis.plugins.converting import Conversion
-    from elvis.plugins.data import Reading
-    from elvis.plugins.discovery import Candidate
-    from elvis.plugins.report import Report
+    from elvis.core.data.dataset import Dataset
+    from elvis.plugins.conversion.converting import Conversion
+    from elvis.plugins.conversion.discovery import Candidate
+    from elvis.plugins.conversion.plugin import Converter, Option
+    from elvis.plugins.conversion.report import Report
+    from elvis.plugins.data.chosen_fields import ChosenFields
+    from elvis.plugins.data.data import Reading
 
 EPILOG = """\b
 Examples:
@@ -65,7 +65,7 @@ class ConvertCommand(click.Command):
 
 def _declare() -> dict[str, Option]:
     """The options of all installed converters by name."""
-    from elvis.plugins.discovery import installed_converters
+    from elvis.plugins.conversion.discovery import installed_converters
 
     found: dict[str, Option] = {}
     for candidate in installed_converters():
@@ -270,8 +270,8 @@ def _convert(
     **options: Any,
 ) -> None:
     """Convert, report, and write where the errors are in bounds."""
-    from elvis.core.errors import ElvisError
-    from elvis.core.terminal import print_json
+    from elvis.core.base.errors import ElvisError
+    from elvis.core.base.terminal import print_json
 
     waves = {key: options.pop(key) for key in ("plane", "mean_mode", "zero_plane", "stretch", "full", "sine")}
     slabs = options.pop("extrude")
@@ -302,7 +302,7 @@ def _convert(
 
 def _check_places(output: Path, kind: str, files: tuple[Path, ...], overwrite: bool) -> None:
     """Raise ElvisError if an output can't be written, is an input or of another mesh; before any long work."""
-    from elvis.core.errors import ElvisError
+    from elvis.core.base.errors import ElvisError
     from elvis.core.files.output import check_places
     from elvis.formats.reading import named_files
     from elvis.formats.writing import companions
@@ -322,9 +322,9 @@ def _check_places(output: Path, kind: str, files: tuple[Path, ...], overwrite: b
 
 def _write(dataset: Dataset, output: Path, kind: str, overwrite: bool, is_silent: bool) -> None:
     """Write the files; remaining files of an earlier conversion raise an error, or are removed."""
-    from elvis.core.errors import ElvisError
+    from elvis.core.base.errors import ElvisError
+    from elvis.core.base.terminal import say, stage
     from elvis.core.files.output import Outputs
-    from elvis.core.terminal import say, stage
     from elvis.formats.writing import companions, write
 
     if output.suffix == ".fld":
@@ -367,10 +367,10 @@ def _results(
 
     Writing only fields requires native files.
     """
-    from elvis.core.errors import ElvisError
+    from elvis.core.base.errors import ElvisError
     from elvis.formats.reading import is_native
-    from elvis.plugins.chosen_fields import ChosenFields
-    from elvis.plugins.data import Reading
+    from elvis.plugins.data.chosen_fields import ChosenFields
+    from elvis.plugins.data.data import Reading
 
     named = Reading(others=others, reference=reference)
     if onto is not None:
@@ -397,11 +397,11 @@ def _projected(
     files: tuple[Path, ...], onto: tuple[Path, ...], outside: str, interpolation: str, options: dict[str, Any]
 ) -> tuple[Dataset, Report]:
     """The fields, or the values of a table of points, on the mesh of other files."""
-    from elvis.core.terminal import note
-    from elvis.plugins.data import Reading, dataset_of
-    from elvis.plugins.onto_mesh import report_of_transfer
-    from elvis.plugins.onto_waves import onto_any_mesh
-    from elvis.plugins.scattered_points import is_point_table, points_onto_mesh
+    from elvis.core.base.terminal import note
+    from elvis.plugins.data.data import Reading, dataset_of
+    from elvis.plugins.fourier.onto_waves import onto_any_mesh
+    from elvis.plugins.transfers.onto_mesh import report_of_transfer
+    from elvis.plugins.transfers.scattered_points import is_point_table, points_onto_mesh
 
     fields = options["fields"]
     names = None if fields is None else [part.strip() for part in fields.split(",")]
@@ -437,10 +437,10 @@ def _with_fields(
     is_of_fields: bool,
 ) -> tuple[Dataset, Report]:
     """Native data with further fields, whose own mesh and coefficients stay."""
-    from elvis.core.terminal import note
-    from elvis.plugins.added_quantities import report_of_quantities
-    from elvis.plugins.chosen_fields import orders_that_are_cut
-    from elvis.plugins.data import dataset_of
+    from elvis.core.base.terminal import note
+    from elvis.plugins.data.added_quantities import report_of_quantities
+    from elvis.plugins.data.chosen_fields import orders_that_are_cut
+    from elvis.plugins.data.data import dataset_of
 
     moment = Moment(time=options["time"], between=options["between"])
     dataset = dataset_of(files, replace(named, moment=moment))
@@ -456,8 +456,8 @@ def _converted_with_fields(
     files: tuple[Path, ...], chosen: ChosenFields, named: Reading, options: dict[str, Any]
 ) -> tuple[Dataset, Report]:
     """Converted data with further fields."""
-    from elvis.core.terminal import note
-    from elvis.plugins.others import Others
+    from elvis.core.base.terminal import note
+    from elvis.plugins.data.others import Others
 
     conversion = _converted(files, fields=None, order=None, tolerance=None, **options)
     source = Others(named, files).beside(conversion.dataset)
@@ -478,10 +478,10 @@ def _converted(
     **options: Any,
 ) -> Conversion:
     """The converted data; options that begin with ``converter_`` are the converter's."""
-    from elvis.core.terminal import stage
-    from elvis.plugins.converting import Settings
-    from elvis.plugins.converting import convert as convert_source
-    from elvis.plugins.discovery import choose_converter, in_file, installed_converters, with_defaults
+    from elvis.core.base.terminal import stage
+    from elvis.plugins.conversion.converting import Settings
+    from elvis.plugins.conversion.converting import convert as convert_source
+    from elvis.plugins.conversion.discovery import choose_converter, in_file, installed_converters, with_defaults
 
     name = pairs.pop("from", name)
     own = {key: value for key, value in options.items() if not key.startswith("converter_")}
@@ -507,8 +507,8 @@ def _moment(
 ) -> Converter:
     """A moment of a series, in the native form of its steps; print a note on how it was computed."""
     from elvis.converters.native import Native
-    from elvis.core.terminal import note
-    from elvis.plugins.data import Reading, dataset_of
+    from elvis.core.base.terminal import note
+    from elvis.plugins.data.data import Reading, dataset_of
 
     composites = options.pop("composites", None)
     asked = {**options, **({} if name is None else {"from": name})}
@@ -519,8 +519,8 @@ def _moment(
 
 
 def _print_report(report: Report) -> None:
-    from elvis.core.terminal import print_table, say
-    from elvis.plugins.report import HEADERS
+    from elvis.core.base.terminal import print_table, say
+    from elvis.plugins.conversion.report import HEADERS
 
     counts = ", ".join(f"{count} {label}" for label, count in report.elements.items())
     say(f"{report.converter}: {counts}\n")
@@ -530,8 +530,8 @@ def _print_report(report: Report) -> None:
 
 
 def _print_list() -> None:
-    from elvis.core.terminal import print_table
-    from elvis.plugins.discovery import installed_converters
+    from elvis.core.base.terminal import print_table
+    from elvis.plugins.conversion.discovery import installed_converters
 
     print_table(("name", "reads", "state", "keeps", "loses"), [_row(candidate) for candidate in installed_converters()])
 

@@ -6,11 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 
 if TYPE_CHECKING:
-    from elvis.core.dataset import Dataset
-    from elvis.plugins.report import Report
+    from elvis.core.data.dataset import Dataset
+    from elvis.plugins.conversion.report import Report
 
 
 def in_other_waves(
@@ -27,7 +27,7 @@ def in_other_waves(
         raise ElvisError("--sine: expected with --full")
     if plane is None and zero_plane is None and stretch is None and not (full or mean_mode):
         return dataset
-    from elvis.plugins.fourier_planes import fourier_coefficients, fourier_mean, in_full_waves, without_plane
+    from elvis.plugins.fourier.planes import fourier_coefficients, fourier_mean, in_full_waves, without_plane
 
     if mean_mode and plane is not None:
         raise ElvisError("expected one of --plane and --mean-mode, found both")
@@ -43,8 +43,8 @@ def in_other_waves(
 
 def extruded(dataset: Dataset, slabs: int, order: int | None, files: tuple[Path, ...]) -> tuple[Dataset, Report]:
     """The data in slabs of volume elements, and the errors of these."""
-    from elvis.core.terminal import stage
-    from elvis.plugins.fourier_slabs import in_slabs
+    from elvis.core.base.terminal import stage
+    from elvis.plugins.fourier.slabs import in_slabs
 
     with stage("writing waves as polynomials"):
         found = in_slabs(dataset, slabs, order)
@@ -53,8 +53,8 @@ def extruded(dataset: Dataset, slabs: int, order: int | None, files: tuple[Path,
 
 def with_stream_function(dataset: Dataset, report: Report) -> tuple[Dataset, Report]:
     """The data with the stream function, and the distance of its velocity from the flow's."""
+    from elvis.core.base.terminal import stage
     from elvis.core.resolution.stream_functions import with_stream_function
-    from elvis.core.terminal import stage
 
     with stage("computing the stream function"):
         found = with_stream_function(dataset)
@@ -63,8 +63,8 @@ def with_stream_function(dataset: Dataset, report: Report) -> tuple[Dataset, Rep
 
 def made_continuous(dataset: Dataset, report: Report, length: float) -> tuple[Dataset, Report]:
     """The data with continuous fields, and the change of each as its error."""
-    from elvis.core.terminal import stage
-    from elvis.plugins.continuous_fields import continuous_fields
+    from elvis.core.base.terminal import stage
+    from elvis.plugins.transfers.continuous_fields import continuous_fields
 
     with stage("making fields continuous"):
         found = continuous_fields(dataset, length)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from elvis.converters.commands.field_options import field_options
-from elvis.core.arguments import (
+from elvis.core.data.arguments import (
     between_option,
     cache_option,
     complex_options,
@@ -23,11 +23,11 @@ from elvis.core.arguments import (
 )
 
 if TYPE_CHECKING:
-    from elvis.core.complex_fields import ComplexChoice
-    from elvis.core.dataset import Dataset
-    from elvis.core.deformation import Deformation
-    from elvis.plugins.chosen_fields import ChosenFields
-    from elvis.plugins.exporting import Loss
+    from elvis.core.data.complex_fields import ComplexChoice
+    from elvis.core.data.dataset import Dataset
+    from elvis.core.deformed.deformation import Deformation
+    from elvis.plugins.conversion.exporting import Loss
+    from elvis.plugins.data.chosen_fields import ChosenFields
 
 EPILOG = """\b
 Examples:
@@ -112,13 +112,13 @@ def export(
     """
     from functools import partial
 
+    from elvis.core.base.terminal import note
+    from elvis.core.data.moments import Moment
     from elvis.core.files.output import check_places
-    from elvis.core.moments import Moment
-    from elvis.core.terminal import note
-    from elvis.plugins.chosen_fields import ChosenFields
-    from elvis.plugins.data import Reading, dataset_of, pairs
-    from elvis.plugins.exporting import GROUP, exporter
-    from elvis.plugins.registry import plugins
+    from elvis.plugins.command.registry import plugins
+    from elvis.plugins.conversion.exporting import GROUP, exporter
+    from elvis.plugins.data.chosen_fields import ChosenFields
+    from elvis.plugins.data.data import Reading, dataset_of, pairs
 
     _check_suffix(output, sorted(f".{name}" for name in plugins(GROUP)))
     check_places([output], data, overwrite)
@@ -138,9 +138,9 @@ def export(
 
 def _with_chosen(chosen: ChosenFields, dataset: Dataset) -> Dataset:
     """A dataset with the chosen fields, in slabs if it has waves; prints remarks and the errors of these as notes."""
-    from elvis.core.terminal import note
-    from elvis.plugins.fourier_planes import has_waves
-    from elvis.plugins.fourier_slabs import in_slabs
+    from elvis.core.base.terminal import note
+    from elvis.plugins.fourier.planes import has_waves
+    from elvis.plugins.fourier.slabs import in_slabs
 
     for remark in dataset.remarks:
         note(remark)
@@ -169,8 +169,8 @@ def _names(fields: str | None) -> tuple[str, ...] | None:
 
 def _report(losses: Sequence[Loss], path: Path, bound: float | None, as_json: bool) -> None:
     """Print the losses; raise ElvisError if they exceed the limit."""
-    from elvis.core.errors import ElvisError
-    from elvis.core.terminal import print_json, print_table
+    from elvis.core.base.errors import ElvisError
+    from elvis.core.base.terminal import print_json, print_table
 
     if as_json:
         facts = [

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from elvis.core.arguments import (
+from elvis.core.base.errors import ElvisError
+from elvis.core.base.rounded_up import rounded_up
+from elvis.core.data.arguments import (
     between_option,
     cache_option,
     complex_options,
@@ -22,17 +24,15 @@ from elvis.core.arguments import (
     step_option,
     time_option,
 )
-from elvis.core.axis_planes import box_of, point_and_normal
-from elvis.core.errors import ElvisError
-from elvis.core.rounded_up import rounded_up
+from elvis.core.data.axis_planes import box_of, point_and_normal
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from elvis.core.arrays import Floats
-    from elvis.core.complex_fields import ComplexChoice
-    from elvis.core.dataset import Dataset
-    from elvis.core.deformation import Deformation
+    from elvis.core.base.arrays import Floats
+    from elvis.core.data.complex_fields import ComplexChoice
+    from elvis.core.data.dataset import Dataset
+    from elvis.core.deformed.deformation import Deformation
     from elvis.core.triangles import LevelLines, SurfaceTriangles
 
 EPILOG = """\b
@@ -150,10 +150,10 @@ def extract(
     is exact: its curved faces and fields are those of the volume.  Quantities of the volume behind a boundary, such as
     wall_shear, are projected onto it, and the errors are printed.
     """
+    from elvis.core.base.terminal import note
+    from elvis.core.data.moments import Moment
     from elvis.core.files.output import check_places
-    from elvis.core.moments import Moment
-    from elvis.core.terminal import note
-    from elvis.plugins.data import Reading, dataset_of, pairs
+    from elvis.plugins.data.data import Reading, dataset_of, pairs
 
     surface = _surface({key: options.pop(key) for key in ("boundary", "plane", "cut", "isosurface", "seeds")})
     is_mesh = _check_output(output, surface, options)
@@ -209,8 +209,8 @@ def _check_output(output: Path, surface: tuple[str, str], options: dict[str, Any
 
     Raises ElvisError for an unsuitable name.
     """
-    from elvis.converters.triangle_export import SUFFIXES, check_name
-    from elvis.core.streamlines.line_files import check_suffix
+    from elvis.converters.tables.triangles import SUFFIXES, check_name
+    from elvis.core.streamlines.lines.files import check_suffix
 
     if options["order"] is not None:
         _check_curved(output, surface, options)
@@ -256,10 +256,10 @@ def _write_lines(
     """Trace streamlines and write what the clips leave of them."""
     from dataclasses import replace
 
+    from elvis.core.base.terminal import print_table, say, stage
     from elvis.core.streamlines import trace
     from elvis.core.streamlines.clipped_lines import clipped_lines
-    from elvis.core.streamlines.line_files import write_lines
-    from elvis.core.terminal import print_table, say, stage
+    from elvis.core.streamlines.lines.files import write_lines
 
     named = _named(dataset, texts) if texts else {}
     with stage("following lines"):
@@ -284,7 +284,7 @@ def _write_level_lines(
     as_json: bool,
 ) -> None:
     """Find the lines of a curve in 2D data and write them."""
-    from elvis.core.terminal import note, print_json, say, stage
+    from elvis.core.base.terminal import note, print_json, say, stage
     from elvis.core.triangles import level_lines
     from elvis.core.triangles.clipped import clipped_lines_of_level
     from elvis.core.triangles.surface_triangles import default_tolerance
@@ -314,7 +314,7 @@ def _write_level_lines(
 def _save_lines(found: LevelLines, values: dict[str, Floats], output: Path) -> int:
     """Write lines with values at their points; return how many lines there are."""
     from elvis.core.files.polydata import write_polylines
-    from elvis.plugins.arrays import from_arrays
+    from elvis.plugins.conversion.arrays import from_arrays
 
     rows, offsets = found.joined()
     if output.suffix == ".vtp":
@@ -337,8 +337,8 @@ def _write_triangles(
     """Find the triangles and write them."""
     from dataclasses import replace
 
-    from elvis.converters.triangle_export import export_triangles
-    from elvis.core.terminal import note, stage
+    from elvis.converters.tables.triangles import export_triangles
+    from elvis.core.base.terminal import note, stage
     from elvis.core.triangles import boundary_triangles, clipped, level_triangles
     from elvis.core.triangles.surface_triangles import default_tolerance
 
@@ -365,10 +365,10 @@ def _write_curved(
     **_: Any,
 ) -> None:
     """Find curved triangles and write them as data with their own elements."""
+    from elvis.core.base.terminal import print_json, say, stage
     from elvis.core.shapes import Shape
-    from elvis.core.terminal import print_json, say, stage
     from elvis.core.triangles.curved_triangles import curved_triangles
-    from elvis.plugins.arrays import from_arrays
+    from elvis.plugins.conversion.arrays import from_arrays
 
     named = _named(dataset, quantities)
     with stage(f"triangles of {surface}"):
@@ -386,7 +386,7 @@ def _write_curved(
 
 def _tell(found: SurfaceTriangles, output: Path, as_json: bool) -> None:
     """Print a summary of the written file."""
-    from elvis.core.terminal import print_json, say
+    from elvis.core.base.terminal import print_json, say
 
     if as_json:
         facts = {"triangles": len(found.triangles), "points": len(found.points), "area": found.area}
@@ -398,9 +398,9 @@ def _tell(found: SurfaceTriangles, output: Path, as_json: bool) -> None:
 
 def _write_mesh(dataset: Dataset, boundary: str, output: Path, texts: tuple[str, ...], as_json: bool) -> None:
     """Write a boundary with its own elements."""
-    from elvis.core.terminal import note, print_json, print_table, say
-    from elvis.plugins.boundary_data import convert_boundary
-    from elvis.plugins.report import HEADERS
+    from elvis.core.base.terminal import note, print_json, print_table, say
+    from elvis.plugins.conversion.report import HEADERS
+    from elvis.plugins.data.boundary_data import convert_boundary
 
     fields = [text for text in texts if text in dataset] if texts else None
     quantities = [text for text in texts if text not in dataset]
@@ -418,9 +418,9 @@ def _write_mesh(dataset: Dataset, boundary: str, output: Path, texts: tuple[str,
 
 def _save_mesh(dataset: Dataset, output: Path) -> None:
     """Write data with their own elements in the format of the suffix."""
-    from elvis.core.terminal import note
+    from elvis.core.base.terminal import note
     from elvis.formats.writing import write
-    from elvis.plugins.exporting import exporter
+    from elvis.plugins.conversion.exporting import exporter
 
     if output.suffix == ".xml":
         write(dataset, output)
@@ -433,10 +433,10 @@ def _write_plane(dataset: Dataset, text: str, output: Path, texts: tuple[str, ..
     """Write a plane across the Fourier direction of data as plane data."""
     from dataclasses import replace
 
-    from elvis.converters.triangle_export import SUFFIXES
-    from elvis.core.terminal import say
+    from elvis.converters.tables.triangles import SUFFIXES
+    from elvis.core.base.terminal import say
     from elvis.formats.writing import write
-    from elvis.plugins.fourier_planes import fourier_plane
+    from elvis.plugins.fourier.planes import fourier_plane
 
     if not any(block.expansion.homogeneous for own in dataset.fields for block in own.blocks):
         known = ", ".join(SUFFIXES)
@@ -453,7 +453,7 @@ def _write_plane(dataset: Dataset, text: str, output: Path, texts: tuple[str, ..
 
 def _across(text: str) -> tuple[str, float]:
     """The axis that a plane is at right angles to, and where it cuts it; raises ElvisError for a plane across none."""
-    from elvis.core.arguments import triples
+    from elvis.core.data.arguments import triples
 
     try:
         point, normal = triples(text, 2)

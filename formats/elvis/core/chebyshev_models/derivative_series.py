@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints
 from elvis.core.chebyshev_models.expression_models import BoxLeaves, errors_in_eighths, models_of
 from elvis.core.chebyshev_models.model_boxes import ElementSeries, ModelBoxes, eighths_of
 from elvis.core.chebyshev_models.series import (

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 
 import numpy as np
 
-from elvis.core.arrays import Floats
+from elvis.core.base.arrays import Floats
 from elvis.core.chebyshev_models.model import ChebyshevModel, constant
 from elvis.core.chebyshev_models.series import (
     ORDERS,

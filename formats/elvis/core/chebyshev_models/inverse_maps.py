@@ -22,8 +22,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
-from elvis.core.bounded_cache import bounded_cache
+from elvis.core.base.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.base.bounded_cache import bounded_cache
+from elvis.core.base.rows import Rows
 from elvis.core.chebyshev_models.model_boxes import ShapeFacets
 from elvis.core.chebyshev_models.series import (
     PARTS_ROUNDING,
@@ -35,7 +36,6 @@ from elvis.core.chebyshev_models.series import (
     slopes_of,
     values_at,
 )
-from elvis.core.rows import Rows
 
 #: total degree of the polynomials for inverses
 DEGREE = 6

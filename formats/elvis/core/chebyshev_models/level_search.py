@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints
 from elvis.core.chebyshev_models.derivative_series import DerivativeSeries, derivatives_in
 from elvis.core.chebyshev_models.expression_models import BoxLeaves, errors_in_eighths, models_of
 from elvis.core.chebyshev_models.model_boxes import (

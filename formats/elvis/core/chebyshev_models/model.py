@@ -19,8 +19,8 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, frozen_ints
-from elvis.core.bounded_cache import bounded_cache
+from elvis.core.base.arrays import Floats, Ints, frozen_ints
+from elvis.core.base.bounded_cache import bounded_cache
 from elvis.core.chebyshev_models.series import (
     ORDERS,
     amplification,

@@ -7,9 +7,9 @@ from typing import Protocol
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.rows import Rows
 from elvis.core.chebyshev_models.series import ORDERS, to_half
-from elvis.core.rows import Rows
 
 #: the eight eighths of a box
 EIGHTHS = tuple((x, y, z) for z in (-1, 1) for y in (-1, 1) for x in (-1, 1))

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.rows import Rows
 from elvis.core.chebyshev_models.model import ChebyshevModel
 from elvis.core.chebyshev_models.model_boxes import EIGHTHS, ModelBoxes, ShapeFacets, eighths_of, half_along
 from elvis.core.chebyshev_models.series import (
@@ -24,7 +25,6 @@ from elvis.core.chebyshev_models.series import (
     tails_of,
 )
 from elvis.core.chebyshev_models.series_boxes import SeriesBoxes, world_boxes
-from elvis.core.rows import Rows
 
 #: tolerated error of models, relative to their range
 MODEL_PART = 1e-4

@@ -12,8 +12,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from elvis.core.arrays import Floats, frozen_floats
-from elvis.core.bounded_cache import bounded_cache
+from elvis.core.base.arrays import Floats, frozen_floats
+from elvis.core.base.bounded_cache import bounded_cache
 from elvis.core.polynomials.chebyshev_nodes import cosines, series
 from elvis.core.polynomials.rounding import UNIT
 

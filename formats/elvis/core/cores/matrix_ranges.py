@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats
+from elvis.core.base.arrays import Bools, Floats
 from elvis.core.cores.parallel import real_eigenvalues
 
 _EYE = np.eye(3)

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.patch import Patch
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.mapping.patch import Patch
 from elvis.core.streamlines.neighbours import Neighbours
 
 #: tolerance for lying on a side

@@ -18,14 +18,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Floats
-from elvis.core.critical_points import degree_of
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
-from elvis.core.patch import Patch
+from elvis.core.base.arrays import Floats
+from elvis.core.base.errors import ElvisError
+from elvis.core.critical.points import degree_of
+from elvis.core.data.dataset import Dataset
+from elvis.core.mapping.patch import Patch
 from elvis.core.polynomials.bernstein import bernstein_space
 from elvis.core.polynomials.boxnets import box_degrees
-from elvis.core.quantities.element_points import ElementPoints
+from elvis.core.quantities.elements.points import ElementPoints
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.levels import fraction

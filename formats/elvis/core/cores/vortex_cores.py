@@ -7,19 +7,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core import describing
-from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.cores.core_finding import CoreArcs, CoreLimits, core_arcs
-from elvis.core.cores.core_joining import Course, WorldArc
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.terminal import Progress
+from elvis.core.cores.finding import CoreArcs, CoreLimits, core_arcs
+from elvis.core.cores.joining import Course, WorldArc
 from elvis.core.cores.outer_sides import OuterSides
 from elvis.core.cores.parallel import ParallelVectors, rotations
-from elvis.core.dataset import Dataset
+from elvis.core.data import describing
+from elvis.core.data.dataset import Dataset
 from elvis.core.files.columns import Columns
-from elvis.core.quantities.element_points import ElementPoints
+from elvis.core.quantities.elements.points import ElementPoints
 from elvis.core.quantities.expression import Expression, column_expressions
 from elvis.core.quantities.names import Names
 from elvis.core.streamlines.neighbours import Neighbours
-from elvis.core.terminal import Progress
 
 #: kinds of ends of lines, with their meaning; names of boundaries follow
 ENDS: Mapping[str, str] = {

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints
 from elvis.core.differences.compositions import PairBoxes
 from elvis.core.differences.prepared import Side
 from elvis.core.polynomials.boxnets import corners

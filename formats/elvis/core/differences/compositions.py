@@ -26,13 +26,13 @@ from functools import reduce
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.rows import Rows
 from elvis.core.differences.prepared import Side
 from elvis.core.mapping.margins import heights
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values
 from elvis.core.polynomials.boxnets import EXACT, GRID, all_halves, nets_through, on_lattice, parts_of_boxes
 from elvis.core.polynomials.rounding import POWER, UNIT, gamma, halving_roundings, value_roundings
-from elvis.core.rows import Rows
 from elvis.core.shapes import Shape
 
 #: maximum movement of an element off a facet by rounding, in the unit of `margins.facets`

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.dataset import Dataset
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
 from elvis.core.differences.difference import ERROR, Differences, diff
-from elvis.core.errors import ElvisError
 from elvis.core.files.columns import Columns
 
 #: norms for which orders are reported

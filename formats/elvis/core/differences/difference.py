@@ -15,8 +15,12 @@ from typing import Any, overload
 
 import numpy as np
 
-from elvis.core.arrays import Floats
-from elvis.core.dataset import Dataset
+from elvis.core.base.arrays import Floats
+from elvis.core.base.errors import ElvisError
+from elvis.core.base.hints import perhaps
+from elvis.core.base.rounded_up import rounded_up
+from elvis.core.bounds.extrema import Extremum
+from elvis.core.data.dataset import Dataset
 from elvis.core.differences.greatest import (
     greatest_at_points,
     greatest_near,
@@ -25,19 +29,15 @@ from elvis.core.differences.greatest import (
 )
 from elvis.core.differences.overlaps import bound_of_difference
 from elvis.core.differences.pairing import REFERENCE, Pair, common_fields, theirs
-from elvis.core.errors import ElvisError
-from elvis.core.extrema import Extremum
 from elvis.core.files.columns import Columns
-from elvis.core.hints import perhaps
 from elvis.core.integrals.groups import Sums
 from elvis.core.integrals.reference_cells import whole_elements
 from elvis.core.integrals.refinement import Summation
-from elvis.core.norms import integration_points
-from elvis.core.patch import Patch, patches
+from elvis.core.mapping.patch import Patch, patches
+from elvis.core.numbers.norms import integration_points
 from elvis.core.quantities import Expression, Names
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.tree import Node, call, field, number, world_derivative
-from elvis.core.rounded_up import rounded_up
 
 #: requested relative error of squares of norms, number of points of a first estimate, and maximum number of points at
 #: which rules are compared

@@ -11,17 +11,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
-from elvis.core.extrema import Extremum, extrema_of_difference
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.errors import ElvisError
+from elvis.core.base.rows import Rows
+from elvis.core.bounds.extrema import Extremum, extrema_of_difference
+from elvis.core.data.dataset import Dataset
 from elvis.core.mapping import pointwise
 from elvis.core.mapping.locate import Location, Locator
-from elvis.core.patch import Patch
+from elvis.core.mapping.patch import Patch
 from elvis.core.polynomials.collapse import collapse, uncollapse
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
-from elvis.core.rows import Rows
 
 #: places each way in an element at least and at most, and of all elements together
 _LEAST, _GREATEST, _MOST = 3, 12, 1 << 20

@@ -14,13 +14,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.bounds.extrema import Extremum
 from elvis.core.differences.bent_pairs import DOUBTFUL, bound_of_bent_pairs, middles
 from elvis.core.differences.compositions import Composed, Composition, PairBoxes, degree_on
 from elvis.core.differences.prepared import Side, sides
-from elvis.core.extrema import Extremum
 from elvis.core.mapping.margins import heights
-from elvis.core.patch import Patch
+from elvis.core.mapping.patch import Patch
 from elvis.core.polynomials.boxnets import all_halves, corners
 from elvis.core.polynomials.rounding import UNIT, gamma, halving_roundings
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from elvis.core.arrays import Ints, frozen_floats, frozen_ints
-from elvis.core.common_elements import CommonElements, common_elements
-from elvis.core.dataset import Block, Dataset, Field
-from elvis.core.geometry import share
+from elvis.core.base.arrays import Ints, frozen_floats, frozen_ints
+from elvis.core.data.dataset import Block, Dataset, Field
+from elvis.core.differences.common_elements import CommonElements, common_elements
+from elvis.core.mapping.geometry import share
 from elvis.core.quantities.tree import Node, field, other
 
 #: the other solution in expressions

@@ -11,9 +11,9 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats
+from elvis.core.base.arrays import Bools, Floats
 from elvis.core.mapping.boxes import BoxTree, element_boxes
-from elvis.core.patch import Patch
+from elvis.core.mapping.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients, bernstein_space, differentiate
 from elvis.core.polynomials.boxnets import box_degrees, box_nets
 from elvis.core.polynomials.rounding import box_roundings, coefficient_rounding, gamma

@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Floats, Ints, distinct, uses_of
-from elvis.core.bounded_cache import bounded_cache
-from elvis.core.dataset import Dataset, Expansion
+from elvis.core.base.arrays import Bools, Floats, Ints, distinct, uses_of
+from elvis.core.base.bounded_cache import bounded_cache
+from elvis.core.base.errors import ElvisError
+from elvis.core.base.hints import perhaps
+from elvis.core.data.dataset import Dataset, Expansion
+from elvis.core.data.mesh import NON_CONFORMING, PERIODIC, Curves, Mesh
 from elvis.core.distances.surface_patches import WHOLE, SurfacePatches
-from elvis.core.errors import ElvisError
-from elvis.core.geometry import GeometryBlock, geometry
-from elvis.core.hints import perhaps
+from elvis.core.mapping.geometry import GeometryBlock, geometry
 from elvis.core.mapping.orientation import local_vertices
-from elvis.core.mesh import NON_CONFORMING, PERIODIC, Curves, Mesh
 from elvis.core.polynomials.bernstein import bernstein_space
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.expansion import values, values_and_gradients

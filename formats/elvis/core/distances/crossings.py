@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.needing import require_module
 from elvis.core.mapping.boxes import BoxTree, outward
-from elvis.core.needing import require_module
 
 #: parts of the largest coordinate within which sides of neighbours are the same
 EQUAL = 1e-12

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.arrays import Floats
+from elvis.core.base.arrays import Floats
 from elvis.core.distances.parts import dot
 from elvis.core.distances.search import EQUAL, Near
 from elvis.core.distances.surface import Surface

@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.rows import Rows
 from elvis.core.distances.quadratic import least
 from elvis.core.distances.surface_patches import CORNERS, SurfacePatches, divided
-from elvis.core.rows import Rows
 
 #: column of the bounds that belongs to how many derivatives along the second coordinate, by order
 _COLUMNS = (np.array([0, 1]), np.array([2, 3, 4]), np.array([5, 6, 7, 8]))

@@ -13,15 +13,15 @@ from functools import partial
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.needing import require_module
+from elvis.core.base.rows import Rows
 from elvis.core.distances.parts import Model, Parts, dot, linear_distance
 from elvis.core.distances.quadratic import least, multiply
 from elvis.core.distances.surface import Surface
 from elvis.core.distances.surface_patches import CORNERS, SurfacePatches
 from elvis.core.mapping.boxes import Boxes
 from elvis.core.mapping.orientation import chunks
-from elvis.core.needing import require_module
-from elvis.core.rows import Rows
 
 #: parts of the surface's scale within which distances are equal
 EQUAL = 1e-12

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, distinct_bits, distinct_sides, uses_of
+from elvis.core.base.arrays import Bools, Floats, Ints, distinct_bits, distinct_sides, uses_of
+from elvis.core.base.needing import require_module
+from elvis.core.base.ranks import Ranks
 from elvis.core.distances.crossings import EQUAL, by_solid_angle, crossings_in_plane, windings
 from elvis.core.distances.surface_patches import SurfacePatches
-from elvis.core.needing import require_module
-from elvis.core.ranks import Ranks
 
 #: part of a triangle's size by which a point lies before it
 _BEFORE = 1e-6

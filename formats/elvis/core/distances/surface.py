@@ -8,15 +8,15 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
-from elvis.core.dataset import Dataset
+from elvis.core.base.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.base.ranks import ALONE, Ranks
+from elvis.core.data.dataset import Dataset
 from elvis.core.distances.boundaries import ALL, Faces, boundaries, faces_of
 from elvis.core.distances.sides import is_closed, sides_of_faces, sides_of_triangles
 from elvis.core.distances.surface_patches import AT_ONCE, WHOLE, SurfacePatches
 from elvis.core.distances.triangle_files import SUFFIXES, triangles_of
 from elvis.core.mapping.boxes import BoxTree, outward
 from elvis.core.mapping.orientation import chunks
-from elvis.core.ranks import ALONE, Ranks
 
 #: patches in a leaf of the tree
 LEAF = 2

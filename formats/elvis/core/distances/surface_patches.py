@@ -17,10 +17,10 @@ from math import comb, perm
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
-from elvis.core.bounded_cache import bounded_cache
+from elvis.core.base.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.base.bounded_cache import bounded_cache
+from elvis.core.base.rows import Rows
 from elvis.core.mapping.orientation import chunks
-from elvis.core.rows import Rows
 
 CORNERS: Mapping[int, Floats] = {
     2: frozen_floats([[-1, 0], [1, 0]]),

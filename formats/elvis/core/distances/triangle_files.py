@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, narrow_ints
+from elvis.core.base.arrays import Floats, Ints, narrow_ints
+from elvis.core.base.errors import FormatError
+from elvis.core.base.needing import require_module
 from elvis.core.distances.triangle_texts import Indexed, triangles_in_text
-from elvis.core.errors import FormatError
 from elvis.core.files.plain import content
-from elvis.core.needing import require_module
 
 #: suffixes of files that are read
 SUFFIXES = (".stl", ".ply", ".obj", ".glb")

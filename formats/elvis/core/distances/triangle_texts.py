@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.errors import FormatError
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.errors import FormatError
 from elvis.core.files.pieces import substituted
 
 #: vertices (n, 3), and triangles (m, 3) of them

@@ -10,10 +10,10 @@ from zipfile import ZipFile, ZipInfo
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.base.needing import require_module
+from elvis.core.base.terminal import visible
 from elvis.core.files.output import replacing
-from elvis.core.needing import require_module
-from elvis.core.terminal import visible
 
 Columns = Mapping[str, NDArray[np.generic]]
 

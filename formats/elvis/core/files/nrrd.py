@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elvis.core.arrays import Floats
+from elvis.core.base.arrays import Floats
 from elvis.core.files.output import replacing
 
 

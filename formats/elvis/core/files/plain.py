@@ -8,7 +8,7 @@ import stat
 from pathlib import Path
 from typing import Any
 
-from elvis.core.errors import FormatError
+from elvis.core.base.errors import FormatError
 
 #: no deflate stream holds more than this many bytes for each of its own
 DEFLATE_RATIO = 1032

@@ -19,7 +19,7 @@ integration      all of this in one call
 
 from __future__ import annotations
 
-from elvis.core.lazy import lazy_names
+from elvis.core.base.lazy import lazy_names
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:

@@ -12,12 +12,12 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elvis.core.arrays import Floats
+from elvis.core.base.arrays import Floats
 from elvis.core.integrals.curves import Curve
 from elvis.core.mapping.inverse import Status
 from elvis.core.mapping.locate import Locator
 from elvis.core.mapping.margins import TOLERANCE
-from elvis.core.patch import Patch
+from elvis.core.mapping.patch import Patch
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression

@@ -20,12 +20,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Floats
+from elvis.core.base.arrays import Floats
+from elvis.core.base.rows import Rows
 from elvis.core.integrals.box_discs import RHOS, BoxDiscs
 from elvis.core.quantities import discs
 from elvis.core.quantities.intervals import Interval
 from elvis.core.quantities.tree import Node
-from elvis.core.rows import Rows
 
 #: additional points of rules in a direction for which bounds are computed
 FURTHER = (0, 1, 2, 3, 5, 7, 9, 13)

@@ -13,8 +13,8 @@ from functools import cached_property, reduce
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, frozen_floats
-from elvis.core.bounded_cache import bounded_cache
+from elvis.core.base.arrays import Floats, Ints, frozen_floats
+from elvis.core.base.bounded_cache import bounded_cache
 from elvis.core.integrals.degrees import DegreeRules
 from elvis.core.integrals.disc_algebra import determinant, enclosed, minor
 from elvis.core.integrals.eta_boxes import EtaBoxes, to_legendre
@@ -24,8 +24,8 @@ from elvis.core.polynomials.jacobi import jacobi
 from elvis.core.quantities import discs
 from elvis.core.quantities.attributes import Attributes, is_constant
 from elvis.core.quantities.discs import Disc
-from elvis.core.quantities.element_points import ElementPoints
-from elvis.core.quantities.element_sides import SIDES
+from elvis.core.quantities.elements.points import ElementPoints
+from elvis.core.quantities.elements.sides import SIDES
 from elvis.core.quantities.functions import function
 from elvis.core.quantities.intervals import Interval
 from elvis.core.quantities.tree import Node, call, fold, number, whole_exponent

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from math import cos, inf, isfinite, radians, sin
 
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 from elvis.core.integrals.integrands import Integrand
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.names import Names

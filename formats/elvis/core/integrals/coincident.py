@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints
 from elvis.core.integrals.reference_cells import Piece, box_rule, side_corners, side_numbers, side_shape
+from elvis.core.mapping.patch import Patch
 from elvis.core.mapping.tangents import determinants
-from elvis.core.patch import Patch
-from elvis.core.quantities.element_points import Lattice
+from elvis.core.quantities.elements.points import Lattice
 
 #: distance from a side, relative to the distance to the centre of the element, at which the sign of g is evaluated
 _INWARDS = 2.0**-8

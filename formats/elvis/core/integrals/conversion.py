@@ -13,12 +13,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elvis.core.arrays import Floats
-from elvis.core.conversion_errors import ConversionErrors
-from elvis.core.dataset import Dataset
+from elvis.core.base.arrays import Floats
+from elvis.core.data.conversion_errors import ConversionErrors
+from elvis.core.data.dataset import Dataset
 from elvis.core.integrals.reference_cells import Piece, box_rule
 from elvis.core.integrals.targets import Part
-from elvis.core.quantities.element_points import ElementPoints
+from elvis.core.quantities.elements.points import ElementPoints
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.arrays import Floats
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
-from elvis.core.integrals.levels_of_elements import Level
+from elvis.core.base.arrays import Floats
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
+from elvis.core.integrals.levels.of_elements import Level
 from elvis.core.quantities.functions import function
 from elvis.core.quantities.tree import Node, fold
 

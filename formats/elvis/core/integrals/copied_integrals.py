@@ -11,12 +11,12 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
+from elvis.core.deformed.isometries import Isometry
 from elvis.core.integrals.integration import BOUND, ESTIMATE, EXACT, Integral, Integrals, integrate, moved_integrands
-from elvis.core.integrals.levels_of_elements import Level
+from elvis.core.integrals.levels.of_elements import Level
 from elvis.core.integrals.line_targets import is_line
-from elvis.core.isometries import Isometry
 from elvis.core.quantities.tree import Node
 
 #: kinds of errors, from the best to the worst

@@ -16,13 +16,13 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.arrays import Floats
-from elvis.core.dataset import Dataset
+from elvis.core.base.arrays import Floats
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
 from elvis.core.distances import nearest, surface_of, vectors_away
-from elvis.core.errors import ElvisError
 from elvis.core.mapping.inverse import Status
 from elvis.core.mapping.locate import Locator
-from elvis.core.patch import patches
+from elvis.core.mapping.patch import patches
 from elvis.core.polynomials.quadrature import gauss
 
 KINDS = ("line", "polyline", "circle", "spline", "normal")

@@ -15,8 +15,8 @@ from math import comb
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, frozen_floats
-from elvis.core.bounded_cache import bounded_cache
+from elvis.core.base.arrays import Floats, Ints, frozen_floats
+from elvis.core.base.bounded_cache import bounded_cache
 from elvis.core.integrals.taylor import (
     BENDS,
     ROUNDING,

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from elvis.core.dataset import Expansion
+from elvis.core.data.dataset import Expansion
 from elvis.core.integrals.reference_cells import Piece
 from elvis.core.polynomials.bernstein import bernstein_space
 from elvis.core.polynomials.boxnets import box_degrees

@@ -7,7 +7,7 @@ from functools import reduce
 
 import numpy as np
 
-from elvis.core.arrays import Floats
+from elvis.core.base.arrays import Floats
 from elvis.core.quantities import discs
 from elvis.core.quantities.discs import Disc
 from elvis.core.quantities.intervals import largest_solution

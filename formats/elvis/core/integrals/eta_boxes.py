@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
-from elvis.core.bounded_cache import bounded_cache
+from elvis.core.base.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.base.bounded_cache import bounded_cache
+from elvis.core.base.rows import Rows
 from elvis.core.integrals.reference_cells import Piece, box_rule
 from elvis.core.polynomials.bernstein import bernstein_space
 from elvis.core.polynomials.boxnets import box_degrees
@@ -19,8 +20,7 @@ from elvis.core.polynomials.collapse import collapse_jacobian
 from elvis.core.polynomials.cubature import COLLAPSE
 from elvis.core.polynomials.jacobi import jacobi
 from elvis.core.polynomials.quadrature import gauss
-from elvis.core.quantities.element_points import ElementPoints, Lattice
-from elvis.core.rows import Rows
+from elvis.core.quantities.elements.points import ElementPoints, Lattice
 
 #: boxes smaller than this share of the element are not bisected, since points in them could not be distinguished
 _LEAST_SIDE = 2.0**-43

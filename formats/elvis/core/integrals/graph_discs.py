@@ -18,14 +18,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.rows import Rows
 from elvis.core.integrals.cut_expansions import Expansion
 from elvis.core.integrals.graphs import between, roots
 from elvis.core.integrals.taylor import taylor
 from elvis.core.polynomials.bernstein import line_tables
 from elvis.core.quantities import discs
 from elvis.core.quantities.discs import Disc
-from elvis.core.rows import Rows
 
 #: parameters of Bernstein ellipses; the best one is used
 RHOS = np.array([1.6, 2.2, 3.0, 4.0, 5.5, 8.0])

@@ -7,7 +7,7 @@ from itertools import permutations
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints
 
 #: minimum derivative along the height of a graph, relative to the others
 _STEEP = 0.1

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints
 from elvis.core.polynomials.bernstein import line_tables
 from elvis.core.polynomials.quadrature import gauss
 

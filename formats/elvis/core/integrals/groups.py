@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints
 from elvis.core.integrals.analytic_error import FURTHER, Bounds
 from elvis.core.integrals.degrees import DegreeRules
 from elvis.core.integrals.eta_boxes import EtaBoxes
-from elvis.core.integrals.level_boxes import LevelBoxes
-from elvis.core.integrals.level_error import LevelRules
+from elvis.core.integrals.levels.boxes import LevelBoxes
+from elvis.core.integrals.levels.error import LevelRules
 
 #: Gauss points in a direction by which further rules have more that are compared
 COMPARED = (1, 2)

@@ -12,11 +12,11 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from elvis.core.arrays import Floats
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Floats
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
 from elvis.core.integrals.targets import Part
-from elvis.core.quantities.element_sides import SIDES
+from elvis.core.quantities.elements.sides import SIDES
 from elvis.core.quantities.evaluator import Sampler
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.names import Names

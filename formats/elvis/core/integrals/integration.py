@@ -8,26 +8,26 @@ from typing import Any, overload
 
 import numpy as np
 
-from elvis.core.axis_planes import needs_box
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.base.ranks import ALONE, Ranks
+from elvis.core.base.rounded_up import rounded_up
+from elvis.core.base.terminal import Progress
+from elvis.core.data.axis_planes import needs_box
+from elvis.core.data.dataset import Dataset
+from elvis.core.deformed.isometries import Isometry
 from elvis.core.files.columns import Columns
 from elvis.core.integrals.coefficients import Coefficients, assumption
 from elvis.core.integrals.conversion import ConversionTerms
 from elvis.core.integrals.groups import Sums
 from elvis.core.integrals.integrands import Integrand, integrands
-from elvis.core.integrals.levels_of_elements import Level
+from elvis.core.integrals.levels.of_elements import Level
 from elvis.core.integrals.line_targets import LineTargets, is_line
 from elvis.core.integrals.refinement import Summation
 from elvis.core.integrals.targets import DOMAIN, ELEMENT, Part, Places, Targets, has_outer_boundaries, overlap
-from elvis.core.isometries import Isometry
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.moved_expressions import moved
 from elvis.core.quantities.names import Names
-from elvis.core.ranks import ALONE, Ranks
-from elvis.core.rounded_up import rounded_up
-from elvis.core.terminal import Progress
 
 #: default of the requested error, relative to the integral of the absolute value
 ERROR = 1e-6

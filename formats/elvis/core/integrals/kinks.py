@@ -11,17 +11,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.ranks import ALONE
 from elvis.core.integrals.degrees import DegreeRules
-from elvis.core.integrals.level_boxes import LevelBoxes
-from elvis.core.integrals.levels_of_elements import ZeroSet, boxes_in_cells
+from elvis.core.integrals.levels.boxes import LevelBoxes
+from elvis.core.integrals.levels.of_elements import ZeroSet, boxes_in_cells
 from elvis.core.integrals.reference_cells import Piece
 from elvis.core.quantities.cleared import cleared_on
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.regions import EVERYWHERE, NOWHERE, Region, side
 from elvis.core.quantities.tree import ONE, ZERO, Node, call, fold, negative, number, ordered
-from elvis.core.ranks import ALONE
 
 #: regions of an expression, beyond which its kinks are not cut
 _MOST = 16

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from elvis.core.arrays import Floats
-from elvis.core.dataset import Dataset
+from elvis.core.base.arrays import Floats
+from elvis.core.data.dataset import Dataset
 from elvis.core.integrals.along_curves import CurvePiece
 from elvis.core.integrals.curves import KINDS, Curve
 from elvis.core.integrals.integrands import Integrand
 from elvis.core.quantities.evaluator import Evaluator
-from elvis.core.wall_curves.wall_curve import SECTION
-from elvis.core.wall_curves.wall_pieces import wall_pieces
+from elvis.core.wall_curves.curve import SECTION
+from elvis.core.wall_curves.pieces import wall_pieces
 
 
 @dataclass(frozen=True, eq=False)

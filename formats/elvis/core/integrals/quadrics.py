@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from elvis.core.arrays import Floats
-from elvis.core.axis_planes import Corners, with_normals
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Floats
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.axis_planes import Corners, with_normals
 from elvis.core.quantities.tree import Node, call, coordinate, number
 
 

@@ -13,19 +13,19 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
-from elvis.core.bounded_cache import bounded_cache
-from elvis.core.dataset import Dataset, Expansion
-from elvis.core.geometry import GeometryBlock
+from elvis.core.base.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.base.bounded_cache import bounded_cache
+from elvis.core.data.dataset import Dataset, Expansion
 from elvis.core.mapping import tangents
+from elvis.core.mapping.geometry import GeometryBlock
 from elvis.core.mapping.orientation import face_shape
-from elvis.core.patch import Patch
+from elvis.core.mapping.patch import Patch
 from elvis.core.polynomials.bernstein import bernstein_space
 from elvis.core.polynomials.boxnets import box_degrees
 from elvis.core.polynomials.collapse import collapse_jacobian, uncollapse
 from elvis.core.polynomials.evaluation import evaluate_with_gradients
 from elvis.core.polynomials.quadrature import gauss
-from elvis.core.quantities.element_points import Lattice
+from elvis.core.quantities.elements.points import Lattice
 from elvis.core.shapes import Shape
 from elvis.core.validity.validity import are_never_negative
 

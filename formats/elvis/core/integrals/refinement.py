@@ -19,8 +19,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.dataset import Dataset
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.terminal import Progress
+from elvis.core.base.threads import results
+from elvis.core.data.dataset import Dataset
 from elvis.core.integrals.along_curves import CurvePiece, along_curve
 from elvis.core.integrals.analytic_error import FURTHER, Bounds, bounds
 from elvis.core.integrals.box_discs import BoxDiscs, is_bounded
@@ -42,19 +44,17 @@ from elvis.core.integrals.groups import (
     with_fewer_rules,
 )
 from elvis.core.integrals.kinks import Cut, branches
-from elvis.core.integrals.level_boxes import LevelBoxes
-from elvis.core.integrals.level_discs import CellNets
-from elvis.core.integrals.level_discs import is_bounded as is_bounded_on_level
-from elvis.core.integrals.level_error import LevelRules
-from elvis.core.integrals.levels_of_elements import LevelPiece
+from elvis.core.integrals.levels.boxes import LevelBoxes
+from elvis.core.integrals.levels.discs import CellNets
+from elvis.core.integrals.levels.discs import is_bounded as is_bounded_on_level
+from elvis.core.integrals.levels.error import LevelRules
+from elvis.core.integrals.levels.of_elements import LevelPiece
 from elvis.core.integrals.reference_cells import Piece
-from elvis.core.patch import Patch
-from elvis.core.quantities.element_points import ElementPoints
+from elvis.core.mapping.patch import Patch
+from elvis.core.quantities.elements.points import ElementPoints
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.tree import LEAVES, Node, ordered, other_of
-from elvis.core.terminal import Progress
-from elvis.core.threads import results
 
 #: points evaluated at once, and boxes whose bounds are computed at once
 _BATCH = 1 << 16

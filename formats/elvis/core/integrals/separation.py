@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.rows import Rows
 from elvis.core.polynomials.boxnets import halves
 from elvis.core.quantities.regions import Region
 from elvis.core.quantities.tree import Node
-from elvis.core.rows import Rows
 
 #: halvings of boxes in which several polynomials change their signs, and how many such boxes may be bisected: at least,
 #: and for each box at first

@@ -11,7 +11,7 @@ from functools import cache
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, frozen_floats
+from elvis.core.base.arrays import Floats, Ints, frozen_floats
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.row_products import row_products
 from elvis.core.shapes import Shape

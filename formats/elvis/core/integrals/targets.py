@@ -8,19 +8,19 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Ints
-from elvis.core.dataset import Dataset
+from elvis.core.base.arrays import Bools, Ints
+from elvis.core.base.errors import ElvisError
+from elvis.core.base.hints import perhaps
+from elvis.core.base.ranks import ALONE, Ranks
+from elvis.core.data.dataset import Dataset
+from elvis.core.data.mesh import Mesh
 from elvis.core.distances.boundaries import ALL, boundaries, inner_sides, outer_sides
-from elvis.core.errors import ElvisError
-from elvis.core.hints import perhaps
 from elvis.core.integrals.along_curves import CurvePiece
 from elvis.core.integrals.coincident import Sides
-from elvis.core.integrals.levels_of_elements import Level, LevelPiece
+from elvis.core.integrals.levels.of_elements import Level, LevelPiece
 from elvis.core.integrals.reference_cells import Piece, side_shape, whole_elements
-from elvis.core.mesh import Mesh
-from elvis.core.patch import Patch
+from elvis.core.mapping.patch import Patch
 from elvis.core.portions.portion import knows_inner_sides
-from elvis.core.ranks import ALONE, Ranks
 from elvis.core.shapes import Shape
 
 #: name for all elements

@@ -6,8 +6,8 @@ from math import factorial
 
 import numpy as np
 
-from elvis.core.arrays import Floats, frozen_floats
-from elvis.core.bounded_cache import bounded_cache
+from elvis.core.base.arrays import Floats, frozen_floats
+from elvis.core.base.bounded_cache import bounded_cache
 from elvis.core.polynomials.bernstein import line_tables
 from elvis.core.quantities.discs import Disc
 

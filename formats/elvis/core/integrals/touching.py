@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints
 from elvis.core.integrals.reference_cells import Piece, side_numbers, side_shape
 from elvis.core.integrals.subcells import corners, subcell_map
 from elvis.core.mapping import pointwise, tangents

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints
 from elvis.core.integrals.eta_boxes import to_legendre
 from elvis.core.integrals.reference_cells import box_rule
 from elvis.core.polynomials.jacobi import jacobi

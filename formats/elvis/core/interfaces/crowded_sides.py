@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints
 from elvis.core.interfaces.side_groups import SideSet
 from elvis.core.mapping.boxes import Boxes, BoxTree
 from elvis.core.mapping.orientation import chunks

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
-from elvis.core.bounded_cache import bounded_cache
+from elvis.core.base.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.base.bounded_cache import bounded_cache
 from elvis.core.distances.surface_patches import SurfacePatches
 from elvis.core.interfaces.side_groups import SideGroup, SideSet, is_within
 from elvis.core.mapping.orientation import chunks

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_floats, narrow_ints, numbered, pair_numbers
+from elvis.core.base.arrays import Bools, Floats, Ints, frozen_floats, narrow_ints, numbered, pair_numbers
 from elvis.core.interfaces.crowded_sides import HOPELESS, POINTS_AT_ONCE, hopeless_sides, shares
 from elvis.core.interfaces.feet import feet
 from elvis.core.interfaces.side_groups import COLLAPSED, SideGroup, SideSet

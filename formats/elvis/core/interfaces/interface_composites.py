@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Ints, distinct_bits, frozen_ints
-from elvis.core.dataset import Dataset
+from elvis.core.base.arrays import Bools, Ints, distinct_bits, frozen_ints
+from elvis.core.data.dataset import Dataset
+from elvis.core.data.mesh import NON_CONFORMING, Composite, Mesh
 from elvis.core.distances.boundaries import joined_sides, outer_sides, owners_of_sides, sides_by_name
 from elvis.core.interfaces.hanging import OPEN, fluxes, hanging
 from elvis.core.interfaces.side_groups import side_set
-from elvis.core.mesh import NON_CONFORMING, Composite, Mesh
 from elvis.core.shapes import Shape
 
 #: tags of composites of sides, by the dimension of the elements

@@ -8,11 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_floats, frozen_ints, narrow_ints
-from elvis.core.dataset import Dataset, Expansion
+from elvis.core.base.arrays import Bools, Floats, Ints, frozen_floats, frozen_ints, narrow_ints
+from elvis.core.data.dataset import Dataset, Expansion
 from elvis.core.distances.boundaries import side_coefficients, side_degree, sides_of
 from elvis.core.distances.surface_patches import CORNERS, WHOLE, SurfacePatches
-from elvis.core.geometry import Assembly, GeometryBlock, Part, geometry, is_shared, parts
+from elvis.core.mapping.geometry import Assembly, GeometryBlock, Part, geometry, is_shared, parts
 from elvis.core.mapping.orientation import chunks
 from elvis.core.polynomials.expansion import mode_count, values_and_gradients
 from elvis.core.polynomials.quadrature import gauss

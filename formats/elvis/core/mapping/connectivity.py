@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from elvis.core.arrays import (
+from elvis.core.base.arrays import (
     Floats,
     Ints,
     distinct_sides,
@@ -18,8 +18,8 @@ from elvis.core.arrays import (
     rows_of_sides,
     uses_of,
 )
+from elvis.core.data.mesh import Composite, Entities, Mesh
 from elvis.core.mapping.orientation import face_shape
-from elvis.core.mesh import Composite, Entities, Mesh
 from elvis.core.shapes import Shape
 
 

@@ -13,14 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
-from elvis.core.bounded_cache import bounded_cache
-from elvis.core.dataset import Expansion
+from elvis.core.base.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.base.bounded_cache import bounded_cache
+from elvis.core.data.dataset import Expansion
 from elvis.core.mapping.margins import TOLERANCE
 from elvis.core.mapping.newton import Targets, newton
 from elvis.core.mapping.orientation import chunks
+from elvis.core.mapping.patch import Patch
 from elvis.core.mapping.tangents import duals
-from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_space, bernstein_values, to_bernstein
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.kronecker import along_directions, product_points

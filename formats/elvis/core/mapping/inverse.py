@@ -16,20 +16,20 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
-from elvis.core.bounded_cache import bounded_cache
+from elvis.core.base.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.base.bounded_cache import bounded_cache
+from elvis.core.base.rows import Rows
 from elvis.core.mapping.boxes import ROUNDINGS
 from elvis.core.mapping.enclosure import excluded, search
 from elvis.core.mapping.margins import heights, margins
 from elvis.core.mapping.newton import ITERATIONS, Targets, heights_rounding, newton
 from elvis.core.mapping.orientation import chunks
+from elvis.core.mapping.patch import Patch
 from elvis.core.mapping.tangents import duals
-from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import bernstein_coefficients, bernstein_space
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.expansion import values, values_and_gradients
 from elvis.core.polynomials.row_products import row_products
-from elvis.core.rows import Rows
 from elvis.core.shapes import Shape
 
 #: residual of a root, relative to the element's size; some units in the last place of the coordinates add to it

@@ -8,15 +8,15 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.errors import ElvisError
+from elvis.core.base.rows import Rows
+from elvis.core.data.dataset import Dataset
 from elvis.core.mapping.boxes import MARGIN, BoxTree, outward
 from elvis.core.mapping.enclosure import hull_products, hulls
 from elvis.core.mapping.inverse import DISTANCE, Roots, Status, decide, invert
 from elvis.core.mapping.orientation import chunks
-from elvis.core.patch import Patch, patches
-from elvis.core.rows import Rows
+from elvis.core.mapping.patch import Patch, patches
 
 #: points located together
 _BATCH = 1 << 15

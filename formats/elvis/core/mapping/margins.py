@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.arrays import Floats, frozen_floats
-from elvis.core.bounded_cache import bounded_cache
+from elvis.core.base.arrays import Floats, frozen_floats
+from elvis.core.base.bounded_cache import bounded_cache
 from elvis.core.shapes import Shape
 
 #: points whose margin isn't below minus this belong to the element

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, frozen_ints
-from elvis.core.bounded_cache import bounded_cache
+from elvis.core.base.arrays import Floats, Ints, frozen_ints
+from elvis.core.base.bounded_cache import bounded_cache
 from elvis.core.mapping.solids import volume_modes
 from elvis.core.polynomials.expansion import mode_indices, values
 from elvis.core.polynomials.interpolation import modified

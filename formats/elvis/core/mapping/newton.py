@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.rows import Rows
 from elvis.core.mapping.margins import TOLERANCE, drawn_in, facets, heights
+from elvis.core.mapping.patch import Patch
 from elvis.core.mapping.tangents import duals
-from elvis.core.patch import Patch
 from elvis.core.polynomials.evaluation import evaluate_at_with_gradients
-from elvis.core.rows import Rows
 from elvis.core.shapes import Shape
 
 #: maximum distance of iterates from the element, as a margin

@@ -11,10 +11,10 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_view, sorted_columns
-from elvis.core.bounded_cache import bounded_cache
-from elvis.core.errors import FormatError
-from elvis.core.mesh import Mesh
+from elvis.core.base.arrays import Bools, Floats, Ints, frozen_view, sorted_columns
+from elvis.core.base.bounded_cache import bounded_cache
+from elvis.core.base.errors import FormatError
+from elvis.core.data.mesh import Mesh
 from elvis.core.shapes import Shape
 
 #: entities handled at once, so that intermediate arrays stay small

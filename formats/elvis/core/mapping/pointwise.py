@@ -11,11 +11,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Expansion
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Expansion
 from elvis.core.mapping import tangents
-from elvis.core.patch import Patch
+from elvis.core.mapping.patch import Patch
 from elvis.core.polynomials.evaluation import evaluate_at, evaluate_at_with_gradients
 from elvis.core.polynomials.expansion import dimension
 

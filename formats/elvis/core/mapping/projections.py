@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, frozen_floats
-from elvis.core.bounded_cache import bounded_cache
-from elvis.core.dataset import Expansion
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Floats, Ints, frozen_floats
+from elvis.core.base.bounded_cache import bounded_cache
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Expansion
 from elvis.core.mapping.mode_entities import entities
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.cubature import COLLAPSE

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, frozen_floats
-from elvis.core.bounded_cache import bounded_cache
+from elvis.core.base.arrays import Floats, Ints, frozen_floats
+from elvis.core.base.bounded_cache import bounded_cache
+from elvis.core.data.mesh import Mesh
 from elvis.core.mapping.orientation import local_vertices
-from elvis.core.mesh import Mesh
 from elvis.core.shapes import Shape
 
 #: positions on a side are multiples of 1 over this number

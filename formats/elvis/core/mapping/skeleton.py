@@ -11,10 +11,10 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.errors import FormatError
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.errors import FormatError
+from elvis.core.data.mesh import Curves, Mesh
 from elvis.core.mapping.orientation import chunks, first_face_row, label, polygon_vertices, require
-from elvis.core.mesh import Curves, Mesh
 from elvis.core.polynomials.bernstein import to_bernstein
 from elvis.core.polynomials.interpolation import interpolation, modified, nodes_along
 from elvis.core.polynomials.points import PointsType

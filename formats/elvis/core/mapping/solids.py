@@ -9,8 +9,8 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Expansion
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.data.dataset import Expansion
 from elvis.core.mapping.orientation import face_shape, face_turns, first_face_row, orientation_matrix, transposed
 from elvis.core.mapping.skeleton import Skeleton
 from elvis.core.polynomials.expansion import mode_indices

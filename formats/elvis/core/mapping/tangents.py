@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.arrays import Floats
+from elvis.core.base.arrays import Floats
 
 
 def determinants(jacobians: Floats) -> Floats:

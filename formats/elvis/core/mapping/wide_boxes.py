@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.geometry import Assembly
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.mapping.geometry import Assembly
 from elvis.core.mapping.orientation import chunks, first_face_row
 from elvis.core.shapes import Shape
 

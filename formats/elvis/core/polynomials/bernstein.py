@@ -23,10 +23,10 @@ from math import comb, prod
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
-from elvis.core.bounded_cache import bounded_cache
-from elvis.core.dataset import Expansion
-from elvis.core.errors import ElvisError, FormatError
+from elvis.core.base.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.base.bounded_cache import bounded_cache
+from elvis.core.base.errors import ElvisError, FormatError
+from elvis.core.data.dataset import Expansion
 from elvis.core.polynomials.collapse import collapse
 from elvis.core.polynomials.expansion import product_plan
 from elvis.core.polynomials.forms import elevations, form_degrees

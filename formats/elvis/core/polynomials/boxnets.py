@@ -12,8 +12,8 @@ from math import comb
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, frozen_floats
-from elvis.core.bounded_cache import bounded_cache
+from elvis.core.base.arrays import Floats, Ints, frozen_floats
+from elvis.core.base.bounded_cache import bounded_cache
 from elvis.core.polynomials.bernstein import BernsteinSpace, line_tables
 from elvis.core.polynomials.row_products import row_products
 from elvis.core.shapes import Shape

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.arrays import Floats
+from elvis.core.base.arrays import Floats
 from elvis.core.shapes import Shape
 
 #: denominators of smaller magnitude, as at a collapsed vertex, where any eta is valid, are replaced by this; at the

@@ -11,10 +11,10 @@ from math import prod
 
 import numpy as np
 
-from elvis.core.arrays import Floats, frozen_floats
-from elvis.core.bounded_cache import bounded_cache
-from elvis.core.dataset import Expansion, ExpansionRule
-from elvis.core.errors import FormatError
+from elvis.core.base.arrays import Floats, frozen_floats
+from elvis.core.base.bounded_cache import bounded_cache
+from elvis.core.base.errors import FormatError
+from elvis.core.data.dataset import Expansion, ExpansionRule
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.quadrature import Rule, fourier_evenly_spaced, gauss, gll, radau_minus, radau_plus

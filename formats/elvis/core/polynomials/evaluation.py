@@ -11,8 +11,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Expansion
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.data.dataset import Expansion
 from elvis.core.polynomials.expansion import dimension, is_factored, mode_count, values, values_and_gradients
 from elvis.core.polynomials.lattices import lattice_lines, values_and_slopes_on_lattice, values_on_lattice
 from elvis.core.polynomials.row_products import row_products

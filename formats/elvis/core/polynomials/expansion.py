@@ -16,10 +16,10 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_ints
-from elvis.core.bounded_cache import bounded_cache
-from elvis.core.dataset import Expansion, Homogeneous
-from elvis.core.errors import ElvisError, FormatError
+from elvis.core.base.arrays import Bools, Floats, Ints, frozen_ints
+from elvis.core.base.bounded_cache import bounded_cache
+from elvis.core.base.errors import ElvisError, FormatError
+from elvis.core.data.dataset import Expansion, Homogeneous
 from elvis.core.polynomials import factors as f
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.collapse import collapse

@@ -12,8 +12,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.errors import FormatError
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.errors import FormatError
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.factors import Factors, JacobiFactors, LineFactors, lagrange_nodes
 

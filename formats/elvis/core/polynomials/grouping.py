@@ -8,8 +8,8 @@ from typing import Protocol
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Expansion
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.data.dataset import Expansion
 
 
 class Coefficients(Protocol):

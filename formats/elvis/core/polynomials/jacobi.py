@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.arrays import Floats
-from elvis.core.bounded_cache import bounded_cache
+from elvis.core.base.arrays import Floats
+from elvis.core.base.bounded_cache import bounded_cache
 
 
 def jacobi(degree: int, alpha: float, beta: float, points: Floats) -> Floats:

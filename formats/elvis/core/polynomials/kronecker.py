@@ -13,7 +13,7 @@ from math import prod
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints
 from elvis.core.mapping.orientation import even_chunks
 from elvis.core.polynomials.row_products import row_products
 

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from elvis.core.arrays import Floats
-from elvis.core.dataset import Expansion
+from elvis.core.base.arrays import Floats
+from elvis.core.data.dataset import Expansion
 from elvis.core.polynomials.expansion import is_factored, product_plan
 from elvis.core.polynomials.row_products import row_products
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats
+from elvis.core.base.arrays import Bools, Floats
 from elvis.core.polynomials.bernstein import line_tables
 
 #: steps of Newton's method, the last one's length, and how far beyond a box its zero may seem to be

@@ -9,9 +9,9 @@ from importlib.resources import files
 
 import numpy as np
 
-from elvis.core.arrays import Floats, frozen_floats
-from elvis.core.bounded_cache import bounded_cache
-from elvis.core.errors import FormatError
+from elvis.core.base.arrays import Floats, frozen_floats
+from elvis.core.base.bounded_cache import bounded_cache
+from elvis.core.base.errors import FormatError
 from elvis.core.polynomials.quadrature import line_nodes
 
 

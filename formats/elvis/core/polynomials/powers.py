@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.arrays import Floats
+from elvis.core.base.arrays import Floats
 
 
 def powers_of(t: Floats, count: int | np.int64) -> Floats:

@@ -12,9 +12,9 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elvis.core.arrays import Floats, frozen_floats
-from elvis.core.bounded_cache import bounded_cache
-from elvis.core.errors import FormatError
+from elvis.core.base.arrays import Floats, frozen_floats
+from elvis.core.base.bounded_cache import bounded_cache
+from elvis.core.base.errors import FormatError
 from elvis.core.polynomials.jacobi import jacobi, jacobi_with_derivative
 
 Rule: TypeAlias = tuple[Floats, Floats]

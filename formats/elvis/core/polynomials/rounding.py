@@ -13,8 +13,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elvis.core.arrays import Floats
-from elvis.core.dataset import Expansion
+from elvis.core.base.arrays import Floats
+from elvis.core.data.dataset import Expansion
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients
 from elvis.core.shapes import TENSOR, Shape
 

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Expansion
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.data.dataset import Expansion
 from elvis.core.polynomials.expansion import product_plan
 from elvis.core.polynomials.factors import Factors
 

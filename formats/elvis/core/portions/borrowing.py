@@ -10,16 +10,16 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.common_elements import place_of
-from elvis.core.dataset import Dataset, Field, is_rate, rate_name
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.errors import ElvisError
+from elvis.core.base.ranks import Ranks
+from elvis.core.data.dataset import Dataset, Field, is_rate, rate_name
+from elvis.core.differences.common_elements import place_of
 from elvis.core.portions.portion import Portion
 from elvis.core.portions.surroundings import with_jumps, with_surface
 from elvis.core.quantities.derived import original_of
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.tree import jumping_of, other_of, target_of
-from elvis.core.ranks import Ranks
 
 if TYPE_CHECKING:
     from elvis.core.streamlines.moving import Interval
@@ -45,7 +45,7 @@ class BorrowedRates:
         return BorrowedRates(frozenset(names), dataset.rates.remark, dataset.rates.times)
 
     def field(self, name: str) -> Field:
-        """The derivative as in `elvis.core.dataset.Rates`, but only its name, since the part holds the values."""
+        """The derivative as in `elvis.core.data.dataset.Rates`, but only its name, since the part holds the values."""
         if name not in self.names:
             raise ElvisError(f"the derivative of {name} in time was not requested")
         return Field(rate_name(name), ())

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, frozen_ints
-from elvis.core.dataset import Dataset
+from elvis.core.base.arrays import Floats, Ints, frozen_ints
+from elvis.core.data.dataset import Dataset
+from elvis.core.data.mesh import Mesh
 from elvis.core.mapping.boxes import places_on_curve
-from elvis.core.mesh import Mesh
 from elvis.core.shapes import Shape
 
 

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, among, distinct, frozen_floats, frozen_ints, narrow_ints
-from elvis.core.dataset import Block, Dataset, Field
-from elvis.core.mesh import Composite, Counts, Curves, Entities, Excerpt, Mesh
+from elvis.core.base.arrays import Floats, Ints, among, distinct, frozen_floats, frozen_ints, narrow_ints
+from elvis.core.data.dataset import Block, Dataset, Field
+from elvis.core.data.mesh import Composite, Counts, Curves, Entities, Excerpt, Mesh
 from elvis.core.portions.partition import along_curve
 from elvis.core.shapes import Shape
 

@@ -12,8 +12,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, among, frozen_floats, rows_of
-from elvis.core.dataset import Block, Expansion, Field
+from elvis.core.base.arrays import Bools, Floats, Ints, among, frozen_floats, rows_of
+from elvis.core.base.errors import ElvisError
+from elvis.core.base.ranks import Ranks
+from elvis.core.data.dataset import Block, Expansion, Field
+from elvis.core.data.mesh import NON_CONFORMING
 from elvis.core.distances.boundaries import (
     ALL,
     Faces,
@@ -24,13 +27,10 @@ from elvis.core.distances.boundaries import (
     sides_of,
 )
 from elvis.core.distances.surface import is_file, surface_of_faces
-from elvis.core.errors import ElvisError
-from elvis.core.geometry import geometry
-from elvis.core.mesh import NON_CONFORMING
+from elvis.core.mapping.geometry import geometry
 from elvis.core.portions.portion import Portion, unite
 from elvis.core.quantities.jumps import jumps
 from elvis.core.quantities.tree import jump_name
-from elvis.core.ranks import Ranks
 from elvis.core.shapes import Shape
 
 _NONE = np.empty(0, np.int64)

@@ -30,15 +30,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, frozen_floats
-from elvis.core.dataset import Block, Dataset
+from elvis.core.base.arrays import Floats, Ints, frozen_floats
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Block, Dataset
 from elvis.core.distances import Near, Surface, gradients, nearest, surface_of, vectors_away
-from elvis.core.errors import ElvisError
-from elvis.core.geometry import GeometryBlock, geometry
 from elvis.core.mapping import pointwise, tangents
-from elvis.core.patch import Patch
-from elvis.core.quantities.element_sides import DUALS, SIDES, of_side, side_gradients
-from elvis.core.quantities.element_sizes import composites, sizes
+from elvis.core.mapping.geometry import GeometryBlock, geometry
+from elvis.core.mapping.patch import Patch
+from elvis.core.quantities.elements.sides import DUALS, SIDES, of_side, side_gradients
+from elvis.core.quantities.elements.sizes import composites, sizes
 from elvis.core.quantities.jumps import jumps
 from elvis.core.quantities.tree import direction_of, measured_of, other_of, target_of
 from elvis.core.shapes import Shape

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 from elvis.core.quantities.tree import AXES, ZERO, Direction, Node, call, dot, number
 
 #: components of the velocity in the directions 0, 1 and 2, and components of the directions

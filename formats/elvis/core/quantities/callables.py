@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.arrays import Floats
-from elvis.core.dataset import Dataset, Field
-from elvis.core.errors import ElvisError
-from elvis.core.quantities.bounding import quantity_range
+from elvis.core.base.arrays import Floats
+from elvis.core.base.errors import ElvisError
+from elvis.core.bounds.bounding import quantity_range
+from elvis.core.data.dataset import Dataset, Field
 from elvis.core.quantities.evaluator import Sampler
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.names import Names

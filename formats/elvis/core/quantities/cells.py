@@ -8,11 +8,12 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, frozen_floats
-from elvis.core.bounded_cache import bounded_cache
-from elvis.core.dataset import Expansion
+from elvis.core.base.arrays import Floats, Ints, frozen_floats
+from elvis.core.base.bounded_cache import bounded_cache
+from elvis.core.base.rows import Rows
+from elvis.core.data.dataset import Expansion
 from elvis.core.distances import Surface, nearest
-from elvis.core.patch import Patch
+from elvis.core.mapping.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients, bernstein_space, differentiate
 from elvis.core.polynomials.boxnets import all_half_boxes, all_halves, box_nets, power_net
 from elvis.core.quantities import intervals as i
@@ -20,7 +21,6 @@ from elvis.core.quantities.attributes import Attributes, is_constant
 from elvis.core.quantities.functions import function
 from elvis.core.quantities.intervals import Interval
 from elvis.core.quantities.tree import Node, direction_of, fold, target_of
-from elvis.core.rows import Rows
 from elvis.core.shapes import Shape
 
 #: nets (c, D1, …, Dd), by their object (a coordinate or a field) and the direction of its derivative

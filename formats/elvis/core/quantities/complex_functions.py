@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from elvis.core.complex_fields import Pairs, components_of, cosine_and_sine
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.complex_fields import Pairs, components_of, cosine_and_sine
 from elvis.core.quantities.tree import Node, call, dot, field, number
 
 #: a whole turn in degrees

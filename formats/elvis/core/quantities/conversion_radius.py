@@ -11,11 +11,11 @@ from math import inf
 
 import numpy as np
 
-from elvis.core.arrays import Floats
-from elvis.core.conversion_errors import ConversionErrors, Loss
+from elvis.core.base.arrays import Floats
+from elvis.core.data.conversion_errors import ConversionErrors, Loss
 from elvis.core.quantities.derived import original_of
-from elvis.core.quantities.element_points import ElementPoints
-from elvis.core.quantities.element_sides import SIDES
+from elvis.core.quantities.elements.points import ElementPoints
+from elvis.core.quantities.elements.sides import SIDES
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.functions import function
 from elvis.core.quantities.intervals import Interval

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Dataset
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.data.dataset import Dataset
 from elvis.core.mapping.inverse import Status
 from elvis.core.mapping.locate import Location, Locator
-from elvis.core.patch import patches
+from elvis.core.mapping.patch import patches
 from elvis.core.quantities.attributes import Attributes
 from elvis.core.quantities.evaluator import reference_values
 from elvis.core.quantities.expression import Expression

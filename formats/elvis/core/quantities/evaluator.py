@@ -8,20 +8,20 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.conversion_errors import ConversionErrors
-from elvis.core.dataset import Dataset
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.data.conversion_errors import ConversionErrors
+from elvis.core.data.dataset import Dataset
 from elvis.core.mapping.inverse import Status
 from elvis.core.mapping.locate import Location, Locator
-from elvis.core.patch import Patch, patches
+from elvis.core.mapping.patch import Patch, patches
+from elvis.core.numbers.sampling import Samples
 from elvis.core.quantities.attributes import Attributes
 from elvis.core.quantities.conversion_radius import radius_at
-from elvis.core.quantities.element_points import ElementPoints
-from elvis.core.quantities.element_sides import SIDES
+from elvis.core.quantities.elements.points import ElementPoints
+from elvis.core.quantities.elements.sides import SIDES
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.functions import function
 from elvis.core.quantities.tree import Node, direction_of, fold, target_of, whole_exponent
-from elvis.core.sampling import Samples
 
 #: points at once
 _BATCH = 1 << 15

@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from elvis.core.dataset import Dataset, is_rate
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset, is_rate
 from elvis.core.quantities.derived import is_recovered, original_of
-from elvis.core.quantities.element_sides import DUALS, SIDES
+from elvis.core.quantities.elements.sides import DUALS, SIDES
 from elvis.core.quantities.names import Names
 from elvis.core.quantities.parsing import Parser
 from elvis.core.quantities.tree import Node, field, fold, jumping_of, leaves, target_of, whole_exponent

@@ -7,11 +7,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from elvis.core.complex_fields import Pairs
-from elvis.core.errors import ElvisError
-from elvis.core.hints import perhaps
+from elvis.core.base.errors import ElvisError
+from elvis.core.base.hints import perhaps
+from elvis.core.data.complex_fields import Pairs
 from elvis.core.quantities.configurations import derivative_before
-from elvis.core.quantities.element_sides import DUALS, SIDES
+from elvis.core.quantities.elements.sides import DUALS, SIDES
 from elvis.core.quantities.predefined import PARAMETERS, QUANTITIES, STEPS, PredefinedQuantity
 from elvis.core.quantities.tree import AXES, ZERO, Node, attribute, coordinate, field, number
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.arrays import Floats
+from elvis.core.base.arrays import Floats
 from elvis.core.quantities import discs as d
 from elvis.core.quantities import intervals as i
 from elvis.core.quantities.discs import Disc

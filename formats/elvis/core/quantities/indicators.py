@@ -6,9 +6,9 @@ phi = (1 - tanh(d/s))/2 at the distance d from the shape, negative inside: 1 ins
 
 from __future__ import annotations
 
+from elvis.core.base.errors import ElvisError
 from elvis.core.distances.sides import is_closed
 from elvis.core.distances.triangle_files import SUFFIXES, triangles_of
-from elvis.core.errors import ElvisError
 from elvis.core.quantities.tree import Node, call, number
 
 

@@ -9,14 +9,14 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Dataset
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.data.dataset import Dataset
+from elvis.core.data.mesh import NON_CONFORMING
 from elvis.core.distances.boundaries import joined_sides, sides_of
 from elvis.core.mapping import pointwise
 from elvis.core.mapping.inverse import Status
 from elvis.core.mapping.locate import Locator
-from elvis.core.mesh import NON_CONFORMING
-from elvis.core.patch import Patch
+from elvis.core.mapping.patch import Patch
 from elvis.core.shapes import Shape
 
 #: part of a side by which points keep off its border, where elements touch that have no side in common with it

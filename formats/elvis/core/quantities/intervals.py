@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.arrays import Floats
+from elvis.core.base.arrays import Floats
 
 Interval = tuple[Any, Any]
 ENTIRE: Interval = (-np.inf, np.inf)

@@ -11,11 +11,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
+from elvis.core.mapping.patch import Patch, patches
 from elvis.core.mapping.side_traces import SideTraces, lattice, shared_pairs, side_traces
-from elvis.core.patch import Patch, patches
 from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.quantities.interface_jumps import raise_across_interfaces
 

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elvis.core.arrays import Floats
-from elvis.core.conversion_errors import ConversionErrors
-from elvis.core.dataset import Dataset
+from elvis.core.base.arrays import Floats
+from elvis.core.data.conversion_errors import ConversionErrors
+from elvis.core.data.dataset import Dataset
 from elvis.core.mapping.orientation import chunks
 from elvis.core.polynomials.cubature import field_cubature
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.quantities.conversion_radius import loss_of
-from elvis.core.quantities.element_points import ElementPoints
+from elvis.core.quantities.elements.points import ElementPoints
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 

@@ -16,12 +16,12 @@ from itertools import product
 
 import numpy as np
 
-from elvis.core.complex_fields import SUFFIXES, pairs_in
-from elvis.core.dataset import is_rate
-from elvis.core.errors import ElvisError
-from elvis.core.isometries import Isometry
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.complex_fields import SUFFIXES, pairs_in
+from elvis.core.data.dataset import is_rate
+from elvis.core.deformed.isometries import Isometry
 from elvis.core.quantities.derived import derived_name, derived_of
-from elvis.core.quantities.element_sides import DUALS, SIDES
+from elvis.core.quantities.elements.sides import DUALS, SIDES
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.flows import VECTORS
 from elvis.core.quantities.functions import function

@@ -8,18 +8,18 @@ from dataclasses import dataclass, replace
 from dataclasses import field as field_of
 from functools import cached_property
 
-from elvis.core.complex_fields import Pairs, pairs_in
-from elvis.core.dataset import Dataset, Deformed, Rates, is_rate
+from elvis.core.base.errors import ElvisError
+from elvis.core.base.hints import perhaps
+from elvis.core.data.complex_fields import Pairs, pairs_in
+from elvis.core.data.dataset import Dataset, Deformed, Rates, is_rate
 from elvis.core.distances.boundaries import ALL, sides_by_name
 from elvis.core.distances.triangle_files import SUFFIXES
-from elvis.core.errors import ElvisError
 from elvis.core.files.plain import check_plain
-from elvis.core.hints import perhaps
 from elvis.core.quantities.body_fitted import VELOCITIES, body_fitted
 from elvis.core.quantities.complex_functions import is_complex
 from elvis.core.quantities.configurations import derivative_before
 from elvis.core.quantities.derived import DERIVED, derived_rate
-from elvis.core.quantities.element_sides import SIDES
+from elvis.core.quantities.elements.sides import SIDES
 from elvis.core.quantities.flows import PUBLIC, Flow
 from elvis.core.quantities.indicators import indicator
 from elvis.core.quantities.reference_values import REFERENCE, noted_values, over

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from elvis.core.arrays import Floats
-from elvis.core.dataset import Dataset, Field, rate_name
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Floats
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset, Field, rate_name
 from elvis.core.quantities.derived import original_of
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.names import Names

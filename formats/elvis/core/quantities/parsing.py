@@ -1,4 +1,4 @@
-"""Quantities read from text, in the grammar of `elvis.core.grammar`.
+"""Quantities read from text, in the grammar of `elvis.core.base.grammar`.
 
 A predefined quantity takes parameters of the flow by name: mach(gamma=1.3).  In addition to `functions` there are
 
@@ -28,9 +28,9 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import reduce
 from typing import Any, Protocol, TypeVar
 
-from elvis.core.complex_fields import Pairs
-from elvis.core.errors import ElvisError
-from elvis.core.grammar import Grammar
+from elvis.core.base.errors import ElvisError
+from elvis.core.base.grammar import Grammar
+from elvis.core.data.complex_fields import Pairs
 from elvis.core.quantities.body_fitted import ASSIST, DIRECTIONS, VELOCITIES
 from elvis.core.quantities.complex_functions import OF_ONE, is_complex, real_at
 from elvis.core.quantities.derived import DERIVED, with_derived_fields

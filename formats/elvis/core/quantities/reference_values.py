@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from math import inf, isfinite
 
-from elvis.core.errors import ElvisError
-from elvis.core.hints import perhaps
+from elvis.core.base.errors import ElvisError
+from elvis.core.base.hints import perhaps
 from elvis.core.quantities.predefined import PARAMETERS
 
 #: values that coefficients of forces need, in addition to the values for quantities

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Ints
+from elvis.core.base.arrays import Ints
 from elvis.core.quantities.levels import factors, fraction, is_positive, minors_of, peel, square
 from elvis.core.quantities.tree import ZERO, Node, call, number, ordered
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 from weakref import WeakValueDictionary
 
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 
 LEAVES = ("number", "coordinate", "field", "attribute")
 AXES = ("x", "y", "z")

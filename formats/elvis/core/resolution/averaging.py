@@ -16,12 +16,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, frozen_floats
-from elvis.core.dataset import Block, Dataset, Expansion, Field
+from elvis.core.base.arrays import Floats, Ints, frozen_floats
+from elvis.core.data.dataset import Block, Dataset, Expansion, Field
 from elvis.core.mapping import tangents
 from elvis.core.mapping.orientation import local_vertices
+from elvis.core.mapping.patch import Patch, patches
 from elvis.core.mapping.projections import conforming, points_on_entities
-from elvis.core.patch import Patch, patches
 from elvis.core.polynomials.evaluation import evaluate, evaluate_with_gradients
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.resolution.modal_bases import modal_basis

@@ -18,14 +18,14 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.sparse.linalg import LinearOperator, cg
 
-from elvis.core.arrays import Floats, Ints, frozen_floats
-from elvis.core.bounded_cache import bounded_cache
-from elvis.core.dataset import Block, Dataset, Expansion, Field
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Floats, Ints, frozen_floats
+from elvis.core.base.bounded_cache import bounded_cache
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Block, Dataset, Expansion, Field
 from elvis.core.mapping.mode_entities import entities
 from elvis.core.mapping.orientation import chunks, local_vertices
+from elvis.core.mapping.patch import Patch, patches
 from elvis.core.mapping.projections import rule
-from elvis.core.patch import Patch, patches
 from elvis.core.polynomials.cubature import COLLAPSE
 from elvis.core.polynomials.evaluation import evaluate, evaluate_with_gradients
 from elvis.core.polynomials.expansion import mode_count, values, values_and_gradients

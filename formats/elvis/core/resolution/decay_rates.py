@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints
 
 #: lowest order for which a rate is defined: level 0 is the mean, and a rate takes two more
 LOWEST_ORDER = 2

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary, ref
 
-from elvis.core.dataset import Dataset, Field
-from elvis.core.mesh import Mesh
+from elvis.core.data.dataset import Dataset, Field
+from elvis.core.data.mesh import Mesh
 from elvis.core.quantities.derived import TRUNCATED
 from elvis.core.resolution.averaging import averaged
 from elvis.core.resolution.recovery import enriched

@@ -6,13 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.dataset import Dataset, Expansion
-from elvis.core.errors import ElvisError
-from elvis.core.geometry import kept
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.errors import ElvisError
+from elvis.core.base.rows import Rows
+from elvis.core.data.dataset import Dataset, Expansion
+from elvis.core.mapping.geometry import kept
 from elvis.core.mapping.orientation import chunks, local_vertices
-from elvis.core.norms import stretch_factors
-from elvis.core.patch import Patch, patches
+from elvis.core.mapping.patch import Patch, patches
+from elvis.core.numbers.norms import stretch_factors
 from elvis.core.polynomials.evaluation import evaluate, evaluate_with_gradients
 from elvis.core.quantities.derived import TRUNCATED, derived_name
 from elvis.core.resolution.decay_rates import (
@@ -25,7 +26,6 @@ from elvis.core.resolution.decay_rates import (
 )
 from elvis.core.resolution.modal_bases import ModalBasis, exact_rule, modal_basis
 from elvis.core.resolution.stored_precision import DOUBLE, SINGLE, is_single
-from elvis.core.rows import Rows
 
 #: numbers in a table of values at quadrature points
 _BATCH = 1 << 20

@@ -13,13 +13,13 @@ from math import comb
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
 from elvis.core.mapping import tangents
 from elvis.core.mapping.orientation import chunks
-from elvis.core.norms import stretch_factors
-from elvis.core.patch import Patch, patches
+from elvis.core.mapping.patch import Patch, patches
+from elvis.core.numbers.norms import stretch_factors
 from elvis.core.polynomials.evaluation import evaluate, evaluate_with_gradients
 from elvis.core.quantities.derived import RECOVERED, derived_name
 from elvis.core.resolution.modal_bases import exact_rule

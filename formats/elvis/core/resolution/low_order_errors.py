@@ -28,8 +28,8 @@ from math import comb
 import numpy as np
 from scipy import sparse
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Dataset
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.data.dataset import Dataset
 from elvis.core.mapping.orientation import chunks
 from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.polynomials.interpolation import modified

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
-from elvis.core.bounded_cache import bounded_cache
-from elvis.core.dataset import Expansion
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.base.bounded_cache import bounded_cache
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Expansion
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.bernstein import bernstein_space
 from elvis.core.polynomials.boxnets import box_degrees

@@ -13,13 +13,13 @@ from itertools import product
 import numpy as np
 from scipy import sparse
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_floats, frozen_ints
-from elvis.core.bounded_cache import bounded_cache
-from elvis.core.dataset import Dataset, Expansion
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Bools, Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.base.bounded_cache import bounded_cache
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset, Expansion
 from elvis.core.mapping.orientation import chunks, local_vertices
+from elvis.core.mapping.patch import Patch, patches
 from elvis.core.mapping.projections import best, conforming
-from elvis.core.patch import Patch, patches
 from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.polynomials.expansion import values
 from elvis.core.polynomials.interpolation import modified

@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 from math import isfinite
 from weakref import WeakKeyDictionary
 
-from elvis.core.dataset import Dataset, Field
+from elvis.core.bounds.quantity_extrema import quantity_extrema
+from elvis.core.data.dataset import Dataset, Field
 from elvis.core.quantities.derived import RECOVERED, derived_name, derived_of
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.tree import call, field
-from elvis.core.quantity_extrema import quantity_extrema
 
 #: sentences by recovered field
 _KNOWN: WeakKeyDictionary[Field, str] = WeakKeyDictionary()

@@ -29,12 +29,12 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import sparse
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
-from elvis.core.dataset import Block, Dataset, Expansion, Field
+from elvis.core.base.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.data.dataset import Block, Dataset, Expansion, Field
 from elvis.core.mapping.mode_entities import vertex_functions
 from elvis.core.mapping.orientation import chunks
+from elvis.core.mapping.patch import patches
 from elvis.core.mapping.projections import best
-from elvis.core.patch import patches
 from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.polynomials.expansion import values
 from elvis.core.polynomials.interpolation import modified

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints
 
 #: direction along which the points of an entity are sorted: no two points of a lattice have the same place along it
 _ALONG = np.array([0.7548776662466927, 0.5698402909980532, 0.3247179572447460])

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.arrays import Floats
-from elvis.core.dataset import Expansion
-from elvis.core.patch import Patch
+from elvis.core.base.arrays import Floats
+from elvis.core.data.dataset import Expansion
+from elvis.core.mapping.patch import Patch
 from elvis.core.polynomials.evaluation import evaluate
 
 #: rounding of coefficients, relative to the largest root mean square on an element: of double and single precision

@@ -19,11 +19,11 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import spsolve
 
-from elvis.core.arrays import Floats
-from elvis.core.dataset import Dataset, Field
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Floats
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset, Field
 from elvis.core.polynomials.expansion import values_and_gradients
-from elvis.core.quantities.element_points import Lattice
+from elvis.core.quantities.elements.points import Lattice
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.resolution.continuous_space import ContinuousSpace, Part

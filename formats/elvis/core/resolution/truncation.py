@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from elvis.core.arrays import Floats, frozen_floats
-from elvis.core.dataset import Block, Dataset, Field, Rates, rate_name
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Floats, frozen_floats
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Block, Dataset, Field, Rates, rate_name
 from elvis.core.mapping.orientation import chunks
 from elvis.core.resolution.modal_bases import modal_basis
 
@@ -52,7 +52,7 @@ def difference(field: Field, less: Field) -> Field:
 
 @dataclass(frozen=True, eq=False)
 class TruncatedRates:
-    """Derivatives in time of truncated fields: those of the fields, truncated (see `elvis.core.dataset.Rates`)."""
+    """Derivatives in time of truncated fields: those of the fields, truncated (see `elvis.core.data.dataset.Rates`)."""
 
     rates: Rates
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from elvis.core.lazy import lazy_names
+from elvis.core.base.lazy import lazy_names
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints
 from elvis.core.streamlines.course import REST, diagonal
 from elvis.core.streamlines.flow_data import FlowSource, flow_data
 from elvis.core.streamlines.seeds import seed_points

@@ -8,17 +8,17 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from elvis.core.arguments import texts_of
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.base.terminal import announce
+from elvis.core.data.arguments import texts_of
 from elvis.core.mapping.locate import Location, Locator
 from elvis.core.quantities.expression import Expression
 from elvis.core.streamlines.flow_data import FlowSource, flow_data
-from elvis.core.streamlines.line_steps import Limits
+from elvis.core.streamlines.lines.steps import Limits
 from elvis.core.streamlines.neighbours import Neighbours
 from elvis.core.streamlines.seeds import seed_points
 from elvis.core.streamlines.tracer import Tracer
 from elvis.core.streamlines.velocity import Velocity
-from elvis.core.terminal import announce
 
 #: directions: signs of the velocity
 DIRECTIONS: Mapping[str, tuple[int, ...]] = {"forward": (1,), "backward": (-1,), "both": (1, -1)}

@@ -12,9 +12,9 @@ from math import comb
 
 import numpy as np
 
-from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.base.arrays import Floats, frozen_floats
+from elvis.core.base.rows import Rows
 from elvis.core.polynomials.boxnets import power_net
-from elvis.core.rows import Rows
 
 #: states (n, s) to their derivatives in time (n, s)
 Derivative = Callable[[Floats], Floats]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints
 from elvis.core.mapping.locate import Location
 from elvis.core.streamlines.neighbours import Neighbours
 from elvis.core.streamlines.velocity import Velocity

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.arrays import Floats
+from elvis.core.base.arrays import Floats
 
 #: rounds at most: each moves the place by a whole window, halves the value there, or makes the window shorter
 _ROUNDS = 400

@@ -16,10 +16,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints
 from elvis.core.mapping import tangents
 from elvis.core.mapping.orientation import chunks
-from elvis.core.patch import Patch
+from elvis.core.mapping.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients, bernstein_space, differentiate
 from elvis.core.shapes import Shape
 from elvis.core.streamlines.velocity import Motion, Velocity

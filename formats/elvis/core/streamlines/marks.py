@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.errors import ElvisError
 from elvis.core.streamlines.flow_data import FlowSource, flow_data
-from elvis.core.streamlines.line_pieces import Pieces
+from elvis.core.streamlines.lines.pieces import Pieces
 
 #: halvings of a piece until a mark's place is known to rounding; marks of all lines at most
 _HALVINGS, _MOST = 54, 1_000_000

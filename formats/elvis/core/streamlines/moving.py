@@ -13,12 +13,12 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
-from elvis.core.patch import Patch, patches
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
+from elvis.core.mapping.patch import Patch, patches
 from elvis.core.polynomials.interpolation import lagrange_values
-from elvis.core.quantities.element_points import ElementPoints
+from elvis.core.quantities.elements.points import ElementPoints
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.names import Names
 from elvis.core.streamlines.velocity import Motion, Velocity

@@ -12,14 +12,14 @@ from functools import cache
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Dataset
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.rows import Rows
+from elvis.core.data.dataset import Dataset
+from elvis.core.data.mesh import NON_CONFORMING
 from elvis.core.distances.boundaries import boundaries
 from elvis.core.mapping.margins import facets
 from elvis.core.mapping.orientation import local_vertices
-from elvis.core.mesh import NON_CONFORMING
-from elvis.core.patch import Patch
-from elvis.core.rows import Rows
+from elvis.core.mapping.patch import Patch
 from elvis.core.shapes import Shape
 
 _SHAPES = tuple(Shape)

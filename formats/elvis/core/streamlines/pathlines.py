@@ -12,15 +12,15 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Dataset
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.data.dataset import Dataset
 from elvis.core.mapping.locate import Location, Locator
 from elvis.core.quantities.expression import Expression, column_expressions
 from elvis.core.streamlines.course import SPACING, Course, diagonal, limits_of
 from elvis.core.streamlines.endings import End, end_names
 from elvis.core.streamlines.flow_data import flow_data
-from elvis.core.streamlines.line_pieces import DEVIATION, Curves, Pieces, check_count, pieces_of, resting
-from elvis.core.streamlines.line_steps import Limits, Piece
+from elvis.core.streamlines.lines.pieces import DEVIATION, Curves, Pieces, check_count, pieces_of, resting
+from elvis.core.streamlines.lines.steps import Limits, Piece
 from elvis.core.streamlines.moving import Interval, MovingVelocity, moving_names
 from elvis.core.streamlines.neighbours import Neighbours
 from elvis.core.streamlines.seeds import SeedPlaces, seed_points

@@ -23,13 +23,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import legendre
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.errors import ElvisError
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.tree import AXES, world_derivative
 from elvis.core.streamlines.flow_data import FlowData, FlowSource, flow_data
-from elvis.core.streamlines.line_pieces import Pieces, halves
+from elvis.core.streamlines.lines.pieces import Pieces, halves
 from elvis.core.streamlines.velocity import Velocity
 
 #: maximum deviation of the vector across from the solution, and maximum number of bisections of a piece

@@ -24,22 +24,22 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.axis_planes import Corners, box_of, with_normals
-from elvis.core.dataset import Dataset
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.errors import ElvisError
+from elvis.core.base.hints import perhaps
+from elvis.core.data.axis_planes import Corners, box_of, with_normals
+from elvis.core.data.dataset import Dataset
 from elvis.core.distances.boundaries import ALL
-from elvis.core.errors import ElvisError
-from elvis.core.hints import perhaps
 from elvis.core.integrals.reference_cells import Piece
 from elvis.core.integrals.targets import Places
 from elvis.core.mapping import pointwise
 from elvis.core.mapping.inverse import Status
 from elvis.core.mapping.locate import Locator
-from elvis.core.patch import Patch
+from elvis.core.mapping.patch import Patch
+from elvis.core.numbers.queries import points_in_table, points_on_line
+from elvis.core.numbers.sampling import world_points
 from elvis.core.quantities.names import Names
-from elvis.core.queries import points_in_table, points_on_line
-from elvis.core.sampling import world_points
-from elvis.core.seed_forms import CURVES, FORMS, names_file
+from elvis.core.streamlines.seed_forms import CURVES, FORMS, names_file
 from elvis.core.wall_curves import points_along
 
 _Parts = Sequence[str]

@@ -8,16 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core import describing
-from elvis.core.arrays import Floats, Ints
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.errors import ElvisError
+from elvis.core.base.rows import Rows
+from elvis.core.data import describing
 from elvis.core.files.columns import Columns
 from elvis.core.quantities.expression import Expression, column_expressions
-from elvis.core.rows import Rows
 from elvis.core.streamlines.course import SPACING, Course, Flow, MakeTracer, components_of, positive
 from elvis.core.streamlines.endings import CLIPPED, WORDS, End, end_names
 from elvis.core.streamlines.flow_data import FlowSource, flow_data
-from elvis.core.streamlines.line_steps import Piece, points_within
+from elvis.core.streamlines.lines.steps import Piece, points_within
 from elvis.core.streamlines.stretching import Stretching, slope_expressions
 from elvis.core.streamlines.tracer import Tracer
 from elvis.core.streamlines.velocity import Velocity

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.arrays import Floats
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Floats
+from elvis.core.base.errors import ElvisError
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.names import Names
@@ -19,7 +19,7 @@ from elvis.core.quantities.tree import AXES, world_derivative
 from elvis.core.streamlines.course import Course
 from elvis.core.streamlines.first_roots import bernstein_at
 from elvis.core.streamlines.flow_data import FlowSource, flow_data
-from elvis.core.streamlines.line_steps import Piece
+from elvis.core.streamlines.lines.steps import Piece
 from elvis.core.streamlines.velocity import Velocity, components_in
 
 _STAGES = 6

@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints
 from elvis.core.mapping import tangents
 from elvis.core.mapping.inverse import Status
 from elvis.core.mapping.locate import Locator
@@ -23,7 +23,7 @@ from elvis.core.streamlines.endings import End
 from elvis.core.streamlines.entries import ALONG, taking_up
 from elvis.core.streamlines.first_roots import bernstein_at, first_roots
 from elvis.core.streamlines.first_steps import first_widths
-from elvis.core.streamlines.line_steps import Limits, Piece
+from elvis.core.streamlines.lines.steps import Limits, Piece
 from elvis.core.streamlines.neighbours import Crossing, Neighbours
 from elvis.core.streamlines.velocity import Motion, Velocity
 

@@ -8,14 +8,14 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
 from elvis.core.mapping import pointwise, tangents
-from elvis.core.patch import Patch
+from elvis.core.mapping.patch import Patch
 from elvis.core.polynomials.evaluation import evaluate_at
 from elvis.core.polynomials.expansion import dimension, values_and_gradients
-from elvis.core.quantities.element_points import ElementPoints
+from elvis.core.quantities.elements.points import ElementPoints
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.names import Names

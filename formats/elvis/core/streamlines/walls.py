@@ -12,14 +12,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.base.errors import ElvisError
+from elvis.core.base.ranks import ALONE, Ranks
+from elvis.core.data.dataset import Dataset
 from elvis.core.integrals.reference_cells import Piece
 from elvis.core.integrals.targets import Places
 from elvis.core.mapping import pointwise, tangents
 from elvis.core.mapping.orientation import local_vertices
-from elvis.core.patch import Patch
+from elvis.core.mapping.patch import Patch
 from elvis.core.polynomials.bernstein import bernstein_space
 from elvis.core.polynomials.boxnets import box_degrees
 from elvis.core.polynomials.collapse import uncollapse
@@ -27,11 +28,10 @@ from elvis.core.polynomials.expansion import values
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.quantities import tree
-from elvis.core.quantities.element_points import ElementPoints
+from elvis.core.quantities.elements.points import ElementPoints
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.names import Names
-from elvis.core.ranks import ALONE, Ranks
 from elvis.core.streamlines.neighbours import Sides
 from elvis.core.streamlines.velocity import Motion, Velocity, velocity_expressions
 

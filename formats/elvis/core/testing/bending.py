@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.base.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.data.mesh import Curves, Entities, Mesh
 from elvis.core.mapping.orientation import polygon_vertices
-from elvis.core.mesh import Curves, Entities, Mesh
 from elvis.core.polynomials.points import PointsType, nodes, triangle_nodes
 from elvis.core.shapes import Shape
 

@@ -6,13 +6,13 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from elvis.core.arrays import Floats, frozen_floats
-from elvis.core.bounded_cache import bounded_cache
-from elvis.core.dataset import Block, Dataset, Expansion, Field
-from elvis.core.geometry import GeometryBlock, geometry
+from elvis.core.base.arrays import Floats, frozen_floats
+from elvis.core.base.bounded_cache import bounded_cache
+from elvis.core.data.dataset import Block, Dataset, Expansion, Field
+from elvis.core.data.mesh import Mesh
+from elvis.core.mapping.geometry import GeometryBlock, geometry
 from elvis.core.mapping.orientation import chunks
 from elvis.core.mapping.projections import conforming
-from elvis.core.mesh import Mesh
 from elvis.core.polynomials.collapse import collapse_jacobian, uncollapse
 from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.polynomials.expansion import mode_count, values

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.data.mesh import Mesh
 from elvis.core.mapping.connectivity import connected
-from elvis.core.mesh import Mesh
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.shapes import Shape
 

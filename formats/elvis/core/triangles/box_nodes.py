@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_ints
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Bools, Floats, Ints, frozen_ints
+from elvis.core.base.errors import ElvisError
 from elvis.core.quantities.expression import Expression
 from elvis.core.triangles.cell_boxes import Boxes, CellBoxes
 from elvis.core.triangles.cell_places import SAME_VALUE, CellPlaces, Cells, shared_numbers

@@ -8,10 +8,10 @@ from itertools import groupby, pairwise
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.errors import ElvisError
+from elvis.core.base.rows import Rows
 from elvis.core.mapping.orientation import chunks
-from elvis.core.rows import Rows
 from elvis.core.shapes import Shape
 from elvis.core.triangles.distance_bounds import distance_bounds
 from elvis.core.triangles.level_cells import CellBlock

@@ -8,13 +8,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.rows import Rows
 from elvis.core.integrals.subcells import subcell_map, subcell_points
 from elvis.core.mapping.orientation import chunks
-from elvis.core.quantities.element_points import ElementPoints
+from elvis.core.quantities.elements.points import ElementPoints
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
-from elvis.core.rows import Rows
 from elvis.core.triangles.cell_boxes import CellBoxes
 from elvis.core.wall_curves.chains import places_by_number
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
 from elvis.core.integrals.coordinate_levels import coordinate_clip, heights
 from elvis.core.quantities.tree import Node, world_derivative
 from elvis.core.triangles.level_lines import LevelLines

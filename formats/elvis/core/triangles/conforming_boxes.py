@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Ints
+from elvis.core.base.arrays import Bools, Ints
 from elvis.core.triangles.box_nodes import BoxNodes, Split
 
 #: corners around each face of a box, counter-clockwise from outside

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.base.arrays import Bools, Floats, Ints, frozen_floats
 from elvis.core.polynomials.bernstein import line_tables
 from elvis.core.polynomials.boxnets import difference
 from elvis.core.triangles.level_cells import CellBlock, has_one_sign

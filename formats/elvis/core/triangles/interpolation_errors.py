@@ -18,13 +18,13 @@ from typing import Protocol
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.bounded_cache import bounded_cache
-from elvis.core.patch import Patch
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.bounded_cache import bounded_cache
+from elvis.core.mapping.patch import Patch
 from elvis.core.quantities import discs
 from elvis.core.quantities.cleared import Cleared, cleared_on, jacobian_degrees
 from elvis.core.quantities.discs import Disc
-from elvis.core.quantities.element_points import Lattice
+from elvis.core.quantities.elements.points import Lattice
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.expression_nets import places_of

@@ -14,20 +14,20 @@ from functools import cache
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_ints
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Bools, Floats, Ints, frozen_ints
+from elvis.core.base.errors import ElvisError
+from elvis.core.base.rows import Rows
 from elvis.core.integrals.reference_cells import Piece
 from elvis.core.integrals.subcells import corners, subcell_map, subcell_points
 from elvis.core.mapping.orientation import chunks
-from elvis.core.patch import Patch
+from elvis.core.mapping.patch import Patch
 from elvis.core.polynomials.bernstein import bernstein_space
 from elvis.core.polynomials.boxnets import box_degrees, halves, nets_through
 from elvis.core.polynomials.evaluation import evaluate
-from elvis.core.quantities.element_points import Lattice
+from elvis.core.quantities.elements.points import Lattice
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.expression_nets import NetsOf, degree_on, lattice_of, places_of
-from elvis.core.rows import Rows
 from elvis.core.shapes import Shape
 from elvis.core.streamlines.neighbours import Sides
 from elvis.core.triangles.interpolation_errors import interpolation_errors

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
-from elvis.core.patch import check_not_homogeneous
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
+from elvis.core.mapping.patch import check_not_homogeneous
 from elvis.core.triangles.level_cells import cell_blocks
 from elvis.core.triangles.surface_triangles import default_tolerance
 from elvis.core.triangles.triangulation import cells_within, march, prepared, remarks

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Ints
-from elvis.core.dataset import Dataset
-from elvis.core.patch import Patch
+from elvis.core.base.arrays import Bools, Ints
+from elvis.core.data.dataset import Dataset
+from elvis.core.mapping.patch import Patch
 from elvis.core.streamlines.neighbours import Neighbours
 from elvis.core.triangles.cell_places import Cells, Marched
 from elvis.core.triangles.level_cells import faces_of_cells

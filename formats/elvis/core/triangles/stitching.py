@@ -14,7 +14,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints
 from elvis.core.integrals.subcells import subcell_points
 from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.shapes import Shape

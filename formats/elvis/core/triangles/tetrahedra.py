@@ -11,7 +11,7 @@ from itertools import product
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_ints
+from elvis.core.base.arrays import Bools, Floats, Ints, frozen_ints
 
 
 def parts_between(is_high: Bools) -> tuple[Ints, Ints]:

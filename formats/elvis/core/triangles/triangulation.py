@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
-from elvis.core.integrals.levels_of_elements import Level
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
+from elvis.core.integrals.levels.of_elements import Level
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.tree import Node, call, negative, number, world_derivative

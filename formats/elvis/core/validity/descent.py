@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.rows import Rows
 from elvis.core.polynomials.boxnets import corners, halves
-from elvis.core.rows import Rows
 
 #: the part of a smallest value to which it is found, where halving can do it
 TOLERANCE = 1e-11

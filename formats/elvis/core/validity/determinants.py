@@ -17,9 +17,9 @@ from math import comb, prod
 
 import numpy as np
 
-from elvis.core.arrays import Floats, frozen_floats
-from elvis.core.bounded_cache import bounded_cache
-from elvis.core.dataset import Expansion
+from elvis.core.base.arrays import Floats, frozen_floats
+from elvis.core.base.bounded_cache import bounded_cache
+from elvis.core.data.dataset import Expansion
 from elvis.core.polynomials.bernstein import (
     BernsteinSpace,
     bernstein_coefficients,

@@ -18,10 +18,10 @@ from math import comb
 
 import numpy as np
 
-from elvis.core.arrays import Floats, frozen_floats
-from elvis.core.bounded_cache import bounded_cache
+from elvis.core.base.arrays import Floats, frozen_floats
+from elvis.core.base.bounded_cache import bounded_cache
 from elvis.core.chebyshev_models.series import along_axes, amplification
-from elvis.core.dataset import Expansion
+from elvis.core.data.dataset import Expansion
 from elvis.core.polynomials.bernstein import line_tables
 from elvis.core.polynomials.chebyshev_nodes import series
 from elvis.core.polynomials.rounding import UNIT, gamma, value_roundings

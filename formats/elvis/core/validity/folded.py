@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, distinct
-from elvis.core.dataset import Dataset
-from elvis.core.geometry import Assembly, GeometryBlock, Part, parts
+from elvis.core.base.arrays import Bools, Floats, Ints, distinct
+from elvis.core.base.ranks import ALONE, Ranks
+from elvis.core.data.dataset import Dataset
+from elvis.core.mapping.geometry import Assembly, GeometryBlock, Part, parts
 from elvis.core.mapping.orientation import chunks
 from elvis.core.polynomials.expansion import values
-from elvis.core.ranks import ALONE, Ranks
 from elvis.core.shapes import Shape
 from elvis.core.validity.regularity import are_regular
 from elvis.core.validity.validity import TOUCHING, ValidityStatus, validity

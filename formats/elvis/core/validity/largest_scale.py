@@ -24,9 +24,9 @@ from math import comb, inf
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.deforming import MovingMaps
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.errors import ElvisError
+from elvis.core.deformed.deforming import MovingMaps
 from elvis.core.polynomials.bernstein import line_tables
 from elvis.core.polynomials.boxnets import box_nets
 from elvis.core.polynomials.collapse import uncollapse

@@ -19,8 +19,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats
-from elvis.core.dataset import Expansion
+from elvis.core.base.arrays import Bools, Floats
+from elvis.core.data.dataset import Expansion
 from elvis.core.mapping.orientation import chunks
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.boxnets import all_halves, box_nets, corners, product, raised, total

@@ -17,8 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, frozen_floats
-from elvis.core.bounded_cache import bounded_cache
+from elvis.core.base.arrays import Floats, Ints, frozen_floats
+from elvis.core.base.bounded_cache import bounded_cache
 from elvis.core.polynomials.bernstein import line_tables
 from elvis.core.polynomials.boxnets import halves, power_net
 

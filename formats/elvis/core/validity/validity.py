@@ -20,16 +20,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Floats, Ints, rows_of
-from elvis.core.dataset import Dataset
-from elvis.core.geometry import GeometryBlock, geometry
+from elvis.core.base.arrays import Bools, Floats, Ints, rows_of
+from elvis.core.base.ranks import Ranks
+from elvis.core.base.rows import Rows
+from elvis.core.bounds.ranges import Range
+from elvis.core.data.dataset import Dataset
+from elvis.core.mapping.geometry import GeometryBlock, geometry
 from elvis.core.polynomials.bernstein import bernstein_values
 from elvis.core.polynomials.boxnets import box_nets
 from elvis.core.polynomials.collapse import collapse, uncollapse
 from elvis.core.polynomials.evaluation import evaluate_at
-from elvis.core.ranges import Range
-from elvis.core.ranks import Ranks
-from elvis.core.rows import Rows
 from elvis.core.shapes import Shape
 from elvis.core.validity.descent import TOLERANCE, least
 from elvis.core.validity.determinants import Polynomials, determinant
@@ -114,7 +114,7 @@ class Validity:
 
 
 def validity(dataset: Dataset, blocks: Sequence[GeometryBlock] | None = None) -> Validity:
-    """The status of every element of the domain, in the order of `elvis.core.geometry`.
+    """The status of every element of the domain, in the order of `elvis.core.mapping.geometry`.
 
     blocks  the dataset's `geometry`, if already available
     If space has more dimensions than the elements, the determinant is the factor of length or area, never negative.

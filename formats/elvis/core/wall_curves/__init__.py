@@ -11,7 +11,7 @@ wall_places     values at the places of a boundary nearest to given points
 
 from __future__ import annotations
 
-from elvis.core.wall_curves.wall_curve import WallCurve, is_wall_curve, on_walls, points_along, wall_curves
-from elvis.core.wall_curves.wall_places import at_walls
+from elvis.core.wall_curves.curve import WallCurve, is_wall_curve, on_walls, points_along, wall_curves
+from elvis.core.wall_curves.places import at_walls
 
 __all__ = ["WallCurve", "at_walls", "is_wall_curve", "on_walls", "points_along", "wall_curves"]

@@ -6,7 +6,7 @@ from collections import defaultdict
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints
 
 #: maximum distance of equal ends, relative to the size of all segments
 SAME_PLACE = 1e-8

@@ -6,14 +6,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from elvis.core.arrays import Floats
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Floats
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
 from elvis.core.mapping.locate import Locator
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.streamlines.course import diagonal
-from elvis.core.streamlines.line_pieces import DEVIATION, NODES, Curves, Pieces, check_count, series_through
-from elvis.core.wall_curves.wall_curve import WallCurve, curves_with, is_wall_curve
+from elvis.core.streamlines.lines.pieces import DEVIATION, NODES, Curves, Pieces, check_count, series_through
+from elvis.core.wall_curves.curve import WallCurve, curves_with, is_wall_curve
 
 #: maximum number of bisections of a part of a segment
 _HALVINGS = 8

@@ -12,14 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints
 from elvis.core.distances.boundaries import side_coefficients
 from elvis.core.distances.surface_patches import CORNERS, SurfacePatches, divided
 from elvis.core.integrals.graphs import roots
 from elvis.core.integrals.reference_cells import Piece
 from elvis.core.mapping import pointwise
 from elvis.core.polynomials.boxnets import halves, nets_through
-from elvis.core.wall_curves.wall_segments import Graphs, Parts, Straight, joined_straight
+from elvis.core.wall_curves.segments import Graphs, Parts, Straight, joined_straight
 
 #: bisections of sides, and tolerance for zero, relative to the largest coordinate
 _DEPTH, _ZERO = 14, 256 * float(np.finfo(np.float64).eps)

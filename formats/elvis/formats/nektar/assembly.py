@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Floats, Ints, among, frozen_floats, frozen_ints, frozen_view, narrow_ints
-from elvis.core.errors import FormatError
-from elvis.core.mesh import Composite, Counts, Curves, Entities, Mesh
+from elvis.core.base.arrays import Bools, Floats, Ints, among, frozen_floats, frozen_ints, frozen_view, narrow_ints
+from elvis.core.base.errors import FormatError
+from elvis.core.data.mesh import Composite, Counts, Curves, Entities, Mesh
 from elvis.core.polynomials.points import PointsType
 from elvis.core.shapes import Shape
 from elvis.formats.nektar.numbers import IdList

@@ -6,9 +6,9 @@ import re
 from collections.abc import Iterable
 from dataclasses import replace
 
-from elvis.core.arrays import Ints
-from elvis.core.errors import FormatError
-from elvis.core.mesh import Composite, Mesh
+from elvis.core.base.arrays import Ints
+from elvis.core.base.errors import FormatError
+from elvis.core.data.mesh import Composite, Mesh
 from elvis.formats.nektar import numbers
 from elvis.formats.nektar.assembly import RawComposite
 from elvis.formats.nektar.numbers import IdList

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Floats, corners_of, index_type
-from elvis.core.dataset import Dataset
+from elvis.core.base.arrays import Bools, Floats, corners_of, index_type
+from elvis.core.data.dataset import Dataset
 from elvis.core.portions.portion import Portion, carriers, is_even
 from elvis.core.shapes import Shape
 from elvis.formats.nektar import expansions, fields_input
 from elvis.formats.nektar.assembly import RawGeometry, assemble
 from elvis.formats.nektar.expansions import RawRule
-from elvis.formats.nektar.geometry_parts import RawParts
+from elvis.formats.nektar.geometry.parts import RawParts
 from elvis.formats.nektar.remarks import Remark, with_remarks
 from elvis.formats.nektar.sections import Section
 

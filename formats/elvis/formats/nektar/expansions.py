@@ -15,11 +15,11 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elvis.core.arrays import Ints, distinct
-from elvis.core.dataset import Dataset, Expansion, ExpansionRule
-from elvis.core.errors import FormatError
+from elvis.core.base.arrays import Ints, distinct
+from elvis.core.base.errors import FormatError
+from elvis.core.data.dataset import Dataset, Expansion, ExpansionRule
+from elvis.core.data.mesh import Composite, Mesh
 from elvis.core.mapping.orientation import chunks
-from elvis.core.mesh import Composite, Mesh
 from elvis.core.polynomials.bases import Basis
 from elvis.core.shapes import Shape
 from elvis.formats.nektar.composites import composite_ids

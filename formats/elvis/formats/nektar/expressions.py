@@ -6,8 +6,8 @@ import math
 import operator
 from collections.abc import Callable, Mapping
 
-from elvis.core.errors import ElvisError, FormatError
-from elvis.core.grammar import Grammar
+from elvis.core.base.errors import ElvisError, FormatError
+from elvis.core.base.grammar import Grammar
 
 CONSTANTS: Mapping[str, float] = {
     "PI": math.pi,

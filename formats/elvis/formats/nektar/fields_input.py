@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Floats, Ints, distinct, frozen_floats, frozen_ints, frozen_view, narrow_ints
-from elvis.core.dataset import Block, Expansion, Field
-from elvis.core.errors import FormatError
-from elvis.core.mesh import Mesh
+from elvis.core.base.arrays import Bools, Floats, Ints, distinct, frozen_floats, frozen_ints, frozen_view, narrow_ints
+from elvis.core.base.errors import FormatError
+from elvis.core.data.dataset import Block, Expansion, Field
+from elvis.core.data.mesh import Mesh
 from elvis.core.polynomials.bases import Basis
 from elvis.core.shapes import Shape
 from elvis.formats.nektar import hdf5, numbers
 from elvis.formats.nektar.assembly import Lookup, first_rows
-from elvis.formats.nektar.geometry_xml import is_compressed
+from elvis.formats.nektar.geometry.xml import is_compressed
 from elvis.formats.nektar.numbers import split
 from elvis.formats.nektar.packed import Packed
 from elvis.formats.nektar.payload import check_possible, decode_exactly

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Block, Dataset, Expansion, Homogeneous
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Block, Dataset, Expansion, Homogeneous
 from elvis.core.polynomials.bases import Basis
 from elvis.core.shapes import Shape
 from elvis.formats.nektar.hdf5 import created

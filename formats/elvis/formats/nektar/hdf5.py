@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.errors import FormatError
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.errors import FormatError
 from elvis.formats.nektar.hdf5_checks import check_attribute, check_stored, check_strings, is_plain
 from elvis.formats.nektar.hdf5_heaps import check_heaps
 from elvis.formats.nektar.mapped_files import is_mapped

@@ -16,7 +16,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import BinaryIO
 
-from elvis.core.errors import FormatError
+from elvis.core.base.errors import FormatError
 
 _GLOBAL = b"GCOL\x01\x00\x00\x00"
 _LOCAL = b"HEAP\x00\x00\x00\x00"

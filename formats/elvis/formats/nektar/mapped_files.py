@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 
-from elvis.core.memory import settle_free_memory
+from elvis.core.base.memory import settle_free_memory
 
 _IS_MAPPED = ContextVar("mapped", default=False)
 #: bytes examined together

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints
 from elvis.formats.nektar.payload import numbers_exactly
 from elvis.formats.nektar.xml import Element, format_errors_at
 

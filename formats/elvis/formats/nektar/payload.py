@@ -14,10 +14,10 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Floats
-from elvis.core.errors import FormatError
+from elvis.core.base.arrays import Floats
+from elvis.core.base.errors import FormatError
+from elvis.core.base.threads import results
 from elvis.core.files.plain import DEFLATE_RATIO, unpacked_limit
-from elvis.core.threads import results
 
 ENCODING = "B64Z-LittleEndian"
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
-from elvis.core.errors import FormatError
-from elvis.core.mesh import Mesh
+from elvis.core.base.errors import FormatError
+from elvis.core.data.mesh import Mesh
 from elvis.formats.nektar.composites import composite_ids
 from elvis.formats.nektar.xml import Buffer
 

@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, distinct
-from elvis.core.dataset import Expansion, Homogeneous
-from elvis.core.errors import FormatError
+from elvis.core.base.arrays import Bools, Floats, Ints, distinct
+from elvis.core.base.errors import FormatError
+from elvis.core.data.dataset import Expansion, Homogeneous
+from elvis.core.data.mesh import Mesh
 from elvis.core.mapping.orientation import chunks
-from elvis.core.mesh import Mesh
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.expansion import ASCENDING, FAMILIES, FOURIER, LINE
 from elvis.core.shapes import Shape

@@ -21,7 +21,7 @@ from typing import BinaryIO, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.errors import FormatError
+from elvis.core.base.errors import FormatError
 from elvis.core.files.plain import content, leading, unpacked_limit
 from elvis.formats.nektar.mapped_files import MappedBytes, is_mapped
 from elvis.formats.nektar.payload import ENCODING, encode

@@ -12,11 +12,12 @@ from dataclasses import dataclass, field
 from os.path import isfile
 from pathlib import Path
 
-from elvis.core.dataset import Dataset
-from elvis.core.errors import FormatError
+from elvis.core.base.errors import FormatError
+from elvis.core.base.ranks import ALONE, Ranks
+from elvis.core.data.dataset import Dataset
 from elvis.core.files.plain import leading
-from elvis.core.ranks import ALONE, Ranks
-from elvis.formats.nektar import expansions, fields_input, geometry_hdf5, hdf5, xml
+from elvis.formats.nektar import expansions, fields_input, hdf5, xml
+from elvis.formats.nektar.geometry import hdf5 as geometry_hdf5
 from elvis.formats.nektar.hdf5 import HDF5_SIGNATURE
 from elvis.formats.nektar.mapped_files import mapped
 from elvis.formats.nektar.sections import Section

@@ -7,9 +7,9 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elvis.core.arrays import Ints
-from elvis.core.dataset import Dataset, ExpansionRule
-from elvis.core.mesh import Composite, Mesh
+from elvis.core.base.arrays import Ints
+from elvis.core.data.dataset import Dataset, ExpansionRule
+from elvis.core.data.mesh import Composite, Mesh
 from elvis.core.shapes import Shape
 from elvis.formats.nektar.sections import Section
 from elvis.formats.strict.finding import Finding, library_rule, style_rule

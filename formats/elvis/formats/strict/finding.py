@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from elvis.core.terminal import one_line
+from elvis.core.base.terminal import one_line
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from elvis.formats.nektar import hdf5
-from elvis.formats.nektar.geometry_hdf5 import NAMES
+from elvis.formats.nektar.geometry.hdf5 import NAMES
 from elvis.formats.strict.finding import Finding, library_rule, style_rule
 
 if TYPE_CHECKING:

@@ -17,13 +17,13 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Ints
-from elvis.core.dataset import Dataset
+from elvis.core.base.arrays import Ints
+from elvis.core.base.errors import FormatError
+from elvis.core.base.ranks import Ranks
+from elvis.core.data.dataset import Dataset
 from elvis.core.distances.boundaries import owners_of_sides
-from elvis.core.errors import FormatError
 from elvis.core.mapping.orientation import chunks
 from elvis.core.portions.portion import Portion, members_in_whole
-from elvis.core.ranks import Ranks
 from elvis.core.shapes import Shape
 from elvis.formats.nektar.assembly import AT_ONCE, Lookup
 from elvis.formats.nektar.sections import Section

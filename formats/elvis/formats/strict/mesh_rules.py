@@ -7,15 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import MAP_KEY, Dataset
-from elvis.core.errors import FormatError
-from elvis.core.geometry import geometry
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.errors import FormatError
+from elvis.core.data.dataset import MAP_KEY, Dataset
+from elvis.core.data.mesh import Curves, Mesh
+from elvis.core.mapping.geometry import geometry
 from elvis.core.mapping.orientation import local_vertices
-from elvis.core.mesh import Curves, Mesh
 from elvis.core.polynomials.points import PointsType
 from elvis.core.shapes import Shape
-from elvis.core.summary import jacobian
+from elvis.core.summary.summary import jacobian
 from elvis.formats.strict.finding import Finding, library_rule, style_rule
 
 _LINES = (PointsType.POLY_EVENLY_SPACED, PointsType.LOBATTO_LEGENDRE)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
 from elvis.plugins.faces.dataset_faces import native_faces
 from elvis.plugins.faces.derived import derived_faces
 from elvis.plugins.faces.faces import Faces
 from elvis.plugins.faces.lines import line_faces
-from elvis.plugins.host_evaluation import host_evaluations
-from elvis.plugins.volume import Volume
+from elvis.plugins.runtime.host.evaluation import host_evaluations
+from elvis.plugins.runtime.volume import Volume
 
 
 def faces_of(dataset: Dataset | None, volume: Volume) -> Faces:

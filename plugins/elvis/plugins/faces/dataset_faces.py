@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Floats, Ints, concatenated, frozen_floats, narrow_ints, numbered
-from elvis.core.dataset import Dataset
+from elvis.core.base.arrays import Floats, Ints, concatenated, frozen_floats, narrow_ints, numbered
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
+from elvis.core.data.mesh import Mesh
 from elvis.core.distances.boundaries import inner_sides
-from elvis.core.errors import ElvisError
-from elvis.core.geometry import Part, mapping
+from elvis.core.mapping.geometry import Part, mapping
 from elvis.core.mapping.orientation import face_shape, first_face_row
-from elvis.core.mesh import Mesh
 from elvis.core.polynomials.bernstein import bernstein_space
 from elvis.core.polynomials.expansion import values
 from elvis.core.polynomials.row_products import row_products

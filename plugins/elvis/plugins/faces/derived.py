@@ -9,16 +9,16 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.errors import ElvisError
+from elvis.core.base.relative import error_limit, scale
 from elvis.core.polynomials.bernstein import bernstein_values
-from elvis.core.relative import error_limit, scale
 from elvis.core.shapes import Shape
 from elvis.plugins.faces.dataset_faces import faces_by_shape, frames
 from elvis.plugins.faces.faces import FaceBlock, Faces
 from elvis.plugins.faces.nets import FaceSpace, face_space, polynomial, sampled_nets
-from elvis.plugins.host_evaluation import HostEvaluation
 from elvis.plugins.projection.vertices import clusters, merging_tolerance
+from elvis.plugins.runtime.host.evaluation import HostEvaluation
 
 #: degrees that are tried for the maps of faces
 _DEGREES = (1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12)

@@ -8,9 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, concatenated
-from elvis.core.errors import ElvisError
-from elvis.core.hints import perhaps
+from elvis.core.base.arrays import Bools, Floats, Ints, concatenated
+from elvis.core.base.errors import ElvisError
+from elvis.core.base.hints import perhaps
 from elvis.plugins.faces.nets import FaceSpace
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints
 from elvis.core.shapes import Shape
 from elvis.plugins.faces.dataset_faces import frames
 from elvis.plugins.faces.faces import FaceBlock

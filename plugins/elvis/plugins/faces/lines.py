@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
-from elvis.core.geometry import GeometryBlock, geometry
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
+from elvis.core.mapping.geometry import GeometryBlock, geometry
 from elvis.core.polynomials.bernstein import bernstein_space
 from elvis.core.polynomials.expansion import values
 from elvis.core.shapes import Shape
@@ -15,7 +15,7 @@ from elvis.plugins.faces.dataset_faces import frames
 from elvis.plugins.faces.faces import FaceBlock, Faces
 from elvis.plugins.faces.hexahedra import Hexahedra, hexahedron_faces, vertices_at
 from elvis.plugins.faces.nets import Images, face_space, polynomial, sampled_nets
-from elvis.plugins.volume import Volume
+from elvis.plugins.runtime.volume import Volume
 
 
 def line_faces(dataset: Dataset, volume: Volume) -> Faces:

@@ -14,8 +14,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, frozen_floats
-from elvis.core.bounded_cache import bounded_cache
+from elvis.core.base.arrays import Floats, Ints, frozen_floats
+from elvis.core.base.bounded_cache import bounded_cache
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values, gradient_nets
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.quadrature import gauss

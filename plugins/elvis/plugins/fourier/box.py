@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.errors import FormatError
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.errors import FormatError
 from elvis.core.files.archives import Archive, names_in
 from elvis.core.files.output import replacing
 from elvis.core.shapes import Shape
-from elvis.plugins.source import VolumeSource
-from elvis.plugins.volume import Part, PartsVolume, boxes_between
+from elvis.plugins.runtime.source import VolumeSource
+from elvis.plugins.runtime.volume import Part, PartsVolume, boxes_between
 
 _NEEDED = ("low", "high", "bases")
 _PREFIX = "field_"

@@ -17,11 +17,11 @@ from itertools import product
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_floats
-from elvis.core.bounded_cache import bounded_cache
+from elvis.core.base.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.base.bounded_cache import bounded_cache
 from elvis.core.mapping.orientation import chunks
+from elvis.core.mapping.patch import Patch
 from elvis.core.mapping.tangents import duals
-from elvis.core.patch import Patch
 from elvis.core.polynomials.bernstein import (
     BernsteinSpace,
     bernstein_coefficients,

@@ -10,20 +10,20 @@ from pathlib import Path
 
 import numpy as np
 
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
-from elvis.core.geometry import kept
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
 from elvis.core.mapping.boxes import Boxes, element_boxes
-from elvis.core.patch import Patch, patches
-from elvis.core.picturing import Kind
+from elvis.core.mapping.geometry import kept
+from elvis.core.mapping.patch import Patch, patches
 from elvis.core.polynomials.bernstein import BernsteinSpace
 from elvis.core.quantities import Expression
 from elvis.core.quantities.attributes import Attributes
 from elvis.core.quantities.evaluator import Evaluator
+from elvis.core.summary.picturing import Kind
 from elvis.plugins.native.device_spaces import field_space, map_space
 from elvis.plugins.native.elements import Elements
 from elvis.plugins.native.polynomials import is_affine
-from elvis.plugins.volume import Part
+from elvis.plugins.runtime.volume import Part
 
 #: coefficients that may all be raised to one order
 FEW_BYTES = 1 << 24

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Floats, Ints, frozen_floats, frozen_ints
-from elvis.core.dataset import Homogeneous
+from elvis.core.base.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.base.threads import Once
+from elvis.core.data.dataset import Homogeneous
 from elvis.core.mapping.orientation import even_chunks
-from elvis.core.patch import Patch
+from elvis.core.mapping.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients
 from elvis.core.polynomials.rounding import UNIT
 from elvis.core.quantities import Expression
@@ -23,9 +24,6 @@ from elvis.core.quantities.evaluator import reference_values
 from elvis.core.quantities.levels import Level, same_level
 from elvis.core.quantities.tree import Node
 from elvis.core.shapes import Shape
-from elvis.core.threads import Once
-from elvis.plugins.distances import buffers_of
-from elvis.plugins.formulas import Formula, facets_of, ideal_of, is_continuous, is_distance
 from elvis.plugins.native.device_spaces import degrees_of, even_space, field_space, type_arguments
 from elvis.plugins.native.level_models import LevelModels
 from elvis.plugins.native.maps import Keep, Maps, keep_nothing
@@ -35,7 +33,9 @@ from elvis.plugins.native.slopes import ElementSlopes, has_slopes
 from elvis.plugins.native.solving import Solver
 from elvis.plugins.native.waves import waves
 from elvis.plugins.native.weights import weights
-from elvis.plugins.volume import Enclosure, LevelSeries, Part, Quantity, SlopeBounds
+from elvis.plugins.runtime.distances import buffers_of
+from elvis.plugins.runtime.formulas import Formula, facets_of, ideal_of, is_continuous, is_distance
+from elvis.plugins.runtime.volume import Enclosure, LevelSeries, Part, Quantity, SlopeBounds
 
 #: highest degree of expressions whose isosurfaces are found as isosurfaces of polynomials
 HIGHEST = 8

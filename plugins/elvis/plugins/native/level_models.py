@@ -8,7 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.memory import settle_free_memory
 from elvis.core.chebyshev_models.expression_models import has_models
 from elvis.core.chebyshev_models.level_search import LevelSearch, some_of
 from elvis.core.chebyshev_models.model_boxes import ModelBoxes, ShapeFacets
@@ -22,8 +23,7 @@ from elvis.core.chebyshev_models.series import (
 )
 from elvis.core.chebyshev_models.series_boxes import SeriesBoxes
 from elvis.core.mapping.margins import facets
-from elvis.core.memory import settle_free_memory
-from elvis.core.patch import Patch
+from elvis.core.mapping.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients, bernstein_values
 from elvis.core.polynomials.rounding import UNIT
 from elvis.core.quantities import Expression

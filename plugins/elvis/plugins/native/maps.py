@@ -9,11 +9,11 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Floats, frozen_floats
+from elvis.core.base.arrays import Floats, frozen_floats
+from elvis.core.base.threads import Once
 from elvis.core.mapping.boxes import Boxes, element_boxes
-from elvis.core.patch import Patch
+from elvis.core.mapping.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients, to_bernstein
-from elvis.core.threads import Once
 from elvis.plugins.native.weights import weights
 
 

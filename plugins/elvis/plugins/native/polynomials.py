@@ -17,10 +17,10 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, frozen_ints
-from elvis.core.bounded_cache import bounded_cache
-from elvis.core.dataset import Expansion
-from elvis.core.patch import Patch
+from elvis.core.base.arrays import Bools, Floats, Ints, frozen_ints
+from elvis.core.base.bounded_cache import bounded_cache
+from elvis.core.data.dataset import Expansion
+from elvis.core.mapping.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients, bernstein_space, differentiate
 from elvis.core.polynomials.rounding import UNIT, coefficient_rounding
 from elvis.core.quantities.attributes import Attributes, is_constant

@@ -18,8 +18,8 @@ from typing import Protocol
 
 import numpy as np
 
-from elvis.core.arrays import Floats, frozen_floats
-from elvis.core.bounded_cache import bounded_cache
+from elvis.core.base.arrays import Floats, frozen_floats
+from elvis.core.base.bounded_cache import bounded_cache
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values, gradient_nets
 from elvis.core.quantities.intervals import Interval
 from elvis.core.shapes import Shape

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.arrays import Floats
-from elvis.core.dataset import Expansion
+from elvis.core.base.arrays import Floats
+from elvis.core.data.dataset import Expansion
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients
 from elvis.core.polynomials.rounding import UNIT, coefficient_rounding
 from elvis.core.quantities.cells import Cells

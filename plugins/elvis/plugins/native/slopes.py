@@ -23,8 +23,8 @@ from itertools import combinations_with_replacement, permutations, product
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.patch import Patch
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.mapping.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients
 from elvis.core.polynomials.rounding import UNIT
 from elvis.core.quantities import Expression
@@ -35,7 +35,7 @@ from elvis.core.quantities.tree import partial as partial_derivative
 from elvis.core.shapes import Shape
 from elvis.plugins.native.regions import Neighbourhood, PyramidBoxes, Region
 from elvis.plugins.native.rounding import operations
-from elvis.plugins.volume import Slopes
+from elvis.plugins.runtime.volume import Slopes
 
 #: regions of polynomials of a space
 _Regions = Callable[[BernsteinSpace], Region]

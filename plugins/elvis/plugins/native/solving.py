@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints
 from elvis.core.mapping.inverse import Status, invert
-from elvis.core.patch import Patch
+from elvis.core.mapping.patch import Patch
 from elvis.plugins.native.bending import bends
-from elvis.plugins.volume import Solution
+from elvis.plugins.runtime.volume import Solution
 
 UNDECIDED = 2
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Homogeneous
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.data.dataset import Homogeneous
 from elvis.core.polynomials.bases import Basis
 
 

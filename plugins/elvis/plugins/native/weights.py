@@ -6,8 +6,8 @@ from math import comb
 
 import numpy as np
 
-from elvis.core.arrays import Floats, frozen_floats
-from elvis.core.bounded_cache import bounded_cache
+from elvis.core.base.arrays import Floats, frozen_floats
+from elvis.core.base.bounded_cache import bounded_cache
 from elvis.core.polynomials.bernstein import BernsteinSpace
 from elvis.core.shapes import Shape
 

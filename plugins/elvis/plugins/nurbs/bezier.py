@@ -6,7 +6,7 @@ from math import comb
 
 import numpy as np
 
-from elvis.core.arrays import Floats
+from elvis.core.base.arrays import Floats
 
 
 def binomials(degree: int) -> Floats:

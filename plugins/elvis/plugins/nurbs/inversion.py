@@ -11,11 +11,11 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.bounded_cache import bounded_cache
-from elvis.core.dataset import Expansion
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.bounded_cache import bounded_cache
+from elvis.core.data.dataset import Expansion
 from elvis.core.mapping.inverse import Status, invert
-from elvis.core.patch import Patch
+from elvis.core.mapping.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values, gradient_nets
 from elvis.core.polynomials.expansion import values
 from elvis.core.polynomials.interpolation import modified
@@ -23,7 +23,7 @@ from elvis.core.polynomials.quadrature import gauss
 from elvis.core.shapes import Shape
 from elvis.plugins.native.bending import bent
 from elvis.plugins.nurbs.bezier import bernstein
-from elvis.plugins.volume import Solution
+from elvis.plugins.runtime.volume import Solution
 
 UNDECIDED = 2
 

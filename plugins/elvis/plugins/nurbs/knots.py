@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints
 
 #: degree up to which kernels are made
 HIGHEST = 12

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.errors import FormatError
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.errors import FormatError
 from elvis.core.files.plain import content, leading
 from elvis.core.shapes import Shape
 from elvis.plugins.nurbs.knots import HIGHEST, KnotVector

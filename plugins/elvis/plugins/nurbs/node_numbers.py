@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from elvis.core.arrays import Ints
+from elvis.core.base.arrays import Ints
 
 #: corners of the hexahedron in the order of its vertices, in {0, 1}^3
 CORNERS = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)])

@@ -10,8 +10,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.errors import FormatError
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.errors import FormatError
 from elvis.core.polynomials.quadrature import gauss, gll
 from elvis.core.shapes import Shape
 from elvis.plugins.faces import Faces, Hexahedra, hexahedron_faces
@@ -30,8 +30,8 @@ from elvis.plugins.nurbs.mesh import (
 )
 from elvis.plugins.nurbs.node_numbers import CORNERS, numbered
 from elvis.plugins.nurbs.own import OwnMesh, is_own, read_own
-from elvis.plugins.source import VolumeSource
-from elvis.plugins.volume import Part, PartsVolume, basis_part, boxes_between
+from elvis.plugins.runtime.source import VolumeSource
+from elvis.plugins.runtime.volume import Part, PartsVolume, basis_part, boxes_between
 
 Mesh: TypeAlias = PatchMesh | OwnMesh
 #: degrees of map and field, nets of both, and numbers of some elements

@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.errors import FormatError
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.errors import FormatError
 from elvis.core.files.plain import json_content, leading
 from elvis.plugins.faces import vertices_at
 from elvis.plugins.nurbs.knots import HIGHEST, KnotVector

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.relative import error_limit
+from elvis.core.base.terminal import track
 from elvis.core.polynomials.evaluation import evaluate
-from elvis.core.relative import error_limit
-from elvis.core.terminal import track
-from elvis.plugins.conversion import SourceField
+from elvis.plugins.conversion.plugin import SourceField
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.checking import check_points
 from elvis.plugins.projection.fitting import operator

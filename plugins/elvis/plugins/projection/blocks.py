@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Expansion
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.data.dataset import Expansion
 from elvis.core.polynomials.collapse import collapse
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.shapes import Shape
-from elvis.plugins.conversion import Elements
-from elvis.plugins.nodal import orthonormal
+from elvis.plugins.conversion.nodal import orthonormal
+from elvis.plugins.conversion.plugin import Elements
 from elvis.plugins.projection.frames import affine, affine_between, orders, source_points
 
 

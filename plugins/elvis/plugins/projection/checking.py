@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.arrays import Floats, frozen_floats
-from elvis.core.bounded_cache import bounded_cache
+from elvis.core.base.arrays import Floats, frozen_floats
+from elvis.core.base.bounded_cache import bounded_cache
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.cubature import COLLAPSE
 from elvis.core.shapes import Shape

@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from elvis.core.shapes import Shape
-from elvis.plugins.conversion import Converter, PyramidSpace, SourceField
+from elvis.plugins.conversion.plugin import Converter, PyramidSpace, SourceField
 from elvis.plugins.projection.adaptivity import ranges
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.raising import (

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, concatenated, frozen_floats, frozen_ints
+from elvis.core.base.arrays import Bools, Floats, Ints, concatenated, frozen_floats, frozen_ints
+from elvis.core.data.mesh import Curves, Mesh
 from elvis.core.mapping.orientation import chunks, first_face_row
-from elvis.core.mesh import Curves, Mesh
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.expansion import mode_indices, values
 from elvis.core.polynomials.interpolation import modified

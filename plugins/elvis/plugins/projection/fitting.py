@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, frozen_ints, largest
-from elvis.core.bounded_cache import bounded_cache
-from elvis.core.dataset import Expansion
+from elvis.core.base.arrays import Floats, Ints, frozen_ints, largest
+from elvis.core.base.bounded_cache import bounded_cache
+from elvis.core.base.terminal import track
+from elvis.core.data.dataset import Expansion
+from elvis.core.data.mesh import Mesh
 from elvis.core.mapping.projections import Operator, best, conforming
-from elvis.core.mesh import Mesh
 from elvis.core.polynomials.expansion import mode_count, mode_indices
 from elvis.core.polynomials.interpolation import modified
-from elvis.core.terminal import track
-from elvis.plugins.conversion import SourceField
+from elvis.plugins.conversion.plugin import SourceField
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.sampling import Sampler
 from elvis.plugins.projection.spaces import is_contained

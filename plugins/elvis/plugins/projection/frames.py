@@ -11,9 +11,9 @@ from itertools import permutations
 
 import numpy as np
 
-from elvis.core.arrays import Floats, frozen_floats
-from elvis.core.bounded_cache import bounded_cache
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Floats, frozen_floats
+from elvis.core.base.bounded_cache import bounded_cache
+from elvis.core.base.errors import ElvisError
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.shapes import Shape
 

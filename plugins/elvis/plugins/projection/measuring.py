@@ -12,16 +12,16 @@ from typing import TypeVar
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints
 from elvis.core.mapping.tangents import duals
 from elvis.core.polynomials.evaluation import evaluate
+from elvis.plugins.conversion.report import is_rounding
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.checking import check_points
 from elvis.plugins.projection.fitting import FieldFit
 from elvis.plugins.projection.placing import in_space, worse
 from elvis.plugins.projection.sampling import Sampler
 from elvis.plugins.projection.verification import Findings, Maps, Tally, check
-from elvis.plugins.report import is_rounding
 
 T = TypeVar("T")
 

@@ -9,11 +9,11 @@ from itertools import count
 
 import numpy as np
 
-from elvis.core.arrays import Ints, distinct_sides, frozen_ints, uses_of
-from elvis.core.bounded_cache import bounded_cache
-from elvis.core.mesh import PERIODIC, Composite, Mesh
+from elvis.core.base.arrays import Ints, distinct_sides, frozen_ints, uses_of
+from elvis.core.base.bounded_cache import bounded_cache
+from elvis.core.data.mesh import PERIODIC, Composite, Mesh
 from elvis.core.shapes import Shape
-from elvis.plugins.conversion import Boundary, Converter
+from elvis.plugins.conversion.plugin import Boundary, Converter
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.frames import orders
 from elvis.plugins.projection.sides import Sides

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Ints, distinct_sides, index_type
+from elvis.core.base.arrays import Bools, Ints, distinct_sides, index_type
 from elvis.core.mapping.orientation import chunks
 from elvis.core.shapes import Shape
 from elvis.plugins.projection.frames import orders

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.terminal import track
 from elvis.core.mapping.tangents import determinants, duals
 from elvis.core.polynomials.evaluation import evaluate_with_gradients
-from elvis.core.terminal import track
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.checking import check_points, inside_count
 from elvis.plugins.projection.fitting import FieldFit

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.arrays import largest
-from elvis.core.dataset import Dataset
-from elvis.core.mesh import Mesh
-from elvis.plugins.conversion import SourceField
+from elvis.core.base.arrays import largest
+from elvis.core.data.dataset import Dataset
+from elvis.core.data.mesh import Mesh
+from elvis.plugins.conversion.plugin import SourceField
 from elvis.plugins.projection.adaptivity import adapt, bounds_of, enrich
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.fitting import FieldFit, fit_fields, join_traces

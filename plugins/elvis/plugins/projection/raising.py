@@ -12,19 +12,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.arrays import Floats
+from elvis.core.base.arrays import Floats
+from elvis.core.base.relative import error_limit
 from elvis.core.polynomials.evaluation import evaluate
 from elvis.core.polynomials.expansion import mode_count
 from elvis.core.polynomials.row_products import row_products
-from elvis.core.relative import error_limit
-from elvis.plugins.conversion import Elements, SourceField
+from elvis.plugins.conversion.plugin import Elements, SourceField
+from elvis.plugins.conversion.report import rounding
 from elvis.plugins.projection.adaptivity import errors_of
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.checking import check_points
 from elvis.plugins.projection.fitting import field_modes, position_operator
 from elvis.plugins.projection.sampling import Sampler
 from elvis.plugins.projection.verification import Tally
-from elvis.plugins.report import rounding
 
 #: relative error at which orders are no longer raised
 GOAL = 1e-9

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.errors import ElvisError
 from elvis.core.polynomials.kronecker import RowMap
-from elvis.plugins.conversion import Converter, Elements, SourceField
+from elvis.plugins.conversion.plugin import Converter, Elements, SourceField
 from elvis.plugins.projection.blocks import NativeBlock
 
 #: numbers in an array of samples of one field

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Ints, distinct_rows
+from elvis.core.base.arrays import Bools, Ints, distinct_rows
+from elvis.core.data.mesh import Mesh
 from elvis.core.mapping.orientation import first_face_row, polygon_vertices
-from elvis.core.mesh import Mesh
 from elvis.core.shapes import Shape
 
 #: part of a side's size within which two sides are at one place

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from elvis.core.shapes import Shape
-from elvis.plugins.conversion import Elements, PyramidSpace, SourceField
+from elvis.plugins.conversion.plugin import Elements, PyramidSpace, SourceField
 
 #: orders up to which pyramids are held by the native one of the same order (Bergot's; collapsed tensor products that
 #: have one value at the apex)

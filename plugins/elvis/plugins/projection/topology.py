@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from elvis.core.arrays import (
+from elvis.core.base.arrays import (
     Floats,
     Ints,
     concatenated,
@@ -18,15 +18,15 @@ from elvis.core.arrays import (
     narrow_ints,
     numbered,
 )
-from elvis.core.errors import ElvisError, FormatError
+from elvis.core.base.errors import ElvisError, FormatError
+from elvis.core.data.mesh import Entities, Mesh
 from elvis.core.mapping.connectivity import connected
 from elvis.core.mapping.mode_entities import entities
 from elvis.core.mapping.orientation import chunks, even_chunks, local_vertices
-from elvis.core.mesh import Entities, Mesh
 from elvis.core.polynomials.expansion import values_and_gradients
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.shapes import Shape
-from elvis.plugins.conversion import Converter, Elements
+from elvis.plugins.conversion.plugin import Converter, Elements
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.frames import orders
 from elvis.plugins.projection.naming import composites

@@ -14,7 +14,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, groups, narrow_ints
+from elvis.core.base.arrays import Bools, Floats, Ints, groups, narrow_ints
+from elvis.core.base.threads import results
+from elvis.core.data.mesh import Mesh
 from elvis.core.mapping.mode_entities import edge_places, face_grid
 from elvis.core.mapping.orientation import (
     chunks,
@@ -24,11 +26,9 @@ from elvis.core.mapping.orientation import (
     orientation_matrix,
     polygon_vertices,
 )
-from elvis.core.mesh import Mesh
 from elvis.core.polynomials.expansion import mode_indices
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.shapes import Shape
-from elvis.core.threads import results
 from elvis.plugins.projection.blocks import NativeBlock
 
 T = TypeVar("T")

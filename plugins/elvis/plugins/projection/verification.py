@@ -8,14 +8,14 @@ from functools import partial
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.dataset import Dataset
-from elvis.core.geometry import Part, parts
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.terminal import track
+from elvis.core.base.threads import results
+from elvis.core.data.dataset import Dataset
+from elvis.core.mapping.geometry import Part, parts
 from elvis.core.mapping.tangents import determinants
 from elvis.core.polynomials.evaluation import evaluate, evaluate_with_gradients
 from elvis.core.shapes import Shape
-from elvis.core.terminal import track
-from elvis.core.threads import results
 from elvis.core.validity.folded import are_unfolded
 from elvis.plugins.projection.blocks import NativeBlock
 from elvis.plugins.projection.checking import check_points, inside_count

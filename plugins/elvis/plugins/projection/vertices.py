@@ -7,7 +7,7 @@ from itertools import combinations, product
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, distinct_bits, groups, pair_numbers
+from elvis.core.base.arrays import Bools, Floats, Ints, distinct_bits, groups, pair_numbers
 from elvis.core.mapping.orientation import chunks
 
 #: corners closer than this share of the nearest pair of corners of an element may be one vertex

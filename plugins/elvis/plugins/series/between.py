@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.arrays import Floats, frozen_floats
-from elvis.core.dataset import Block, Dataset, Field
-from elvis.core.moments import BETWEEN
+from elvis.core.base.arrays import Floats, frozen_floats
+from elvis.core.data.dataset import Block, Dataset, Field
+from elvis.core.data.moments import BETWEEN
 from elvis.core.polynomials.interpolation import lagrange_values
 
 #: how many steps each way from steps to the time between them looks at

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Floats, Ints, frozen_floats
-from elvis.core.dataset import Block, Dataset, Expansion, Field
+from elvis.core.base.arrays import Floats, Ints, frozen_floats
+from elvis.core.data.dataset import Block, Dataset, Expansion, Field
 from elvis.core.mapping.orientation import chunks
 from elvis.core.polynomials.bernstein import bernstein_coefficients, bernstein_space
 from elvis.core.polynomials.boxnets import all_halves, box_nets

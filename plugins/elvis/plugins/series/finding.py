@@ -11,16 +11,16 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from elvis.core.errors import ElvisError
-from elvis.core.ranks import ALONE
+from elvis.core.base.errors import ElvisError
+from elvis.core.base.ranks import ALONE
 from elvis.formats.field_heads import FieldHead, field_head, is_no_mesh
 from elvis.formats.reading import is_native
-from elvis.plugins.conversion import Converter
-from elvis.plugins.discovery import choose_converter, installed_converters
+from elvis.plugins.conversion.discovery import choose_converter, installed_converters
+from elvis.plugins.conversion.plugin import Converter
 from elvis.plugins.series.step_names import groups, numbered, pattern_of
 
 if TYPE_CHECKING:
-    from elvis.plugins.data import Reading
+    from elvis.plugins.data.data import Reading
 
 #: remark if times are numbers
 NO_TIMES = "the files contain no times: the numbers in their names are used"
@@ -277,7 +277,7 @@ def _with_times(found: Found, numbered_steps: Sequence[tuple[float, Step]], read
 
 def _time_of(paths: Sequence[Path], reading: Reading) -> float | str | None:
     """The time of a state that is read completely, or the reason why it can't be; only the first rank reads it."""
-    from elvis.plugins.data import state_of
+    from elvis.plugins.data.data import state_of
 
     if reading.ranks.rank:
         return None

@@ -10,11 +10,11 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
 from elvis.formats.field_heads import field_head
 from elvis.formats.reading import is_native
-from elvis.plugins.data import Reading, state_with_others
+from elvis.plugins.data.data import Reading, state_with_others
 from elvis.plugins.series.series import Series, series_in
 from elvis.plugins.series.step_names import expanded, groups
 

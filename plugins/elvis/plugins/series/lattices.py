@@ -12,9 +12,9 @@ from itertools import product
 
 import numpy as np
 
-from elvis.core.arrays import Floats
-from elvis.core.dataset import Expansion, Homogeneous
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Floats
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Expansion, Homogeneous
 from elvis.core.mapping.projections import best
 from elvis.core.polynomials.bases import Basis
 from elvis.core.polynomials.expansion import values, wave_values

@@ -8,14 +8,14 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-from elvis.core.dataset import Dataset
+from elvis.core.data.dataset import Dataset
 from elvis.core.portions.portion import Portion
 from elvis.core.quantities.needed import needed_fields
 from elvis.formats.reading import StatesByPart
 from elvis.plugins.series.finding import Found, Step
 
 if TYPE_CHECKING:
-    from elvis.plugins.data import Reading
+    from elvis.plugins.data.data import Reading
 
 
 #: the number of a step at the end of a name
@@ -74,7 +74,7 @@ class StepsByPart:
 
         Called by each rank.
         """
-        from elvis.plugins.data import part_of_state
+        from elvis.plugins.data.data import part_of_state
 
         lacking = 0
         if self._native is not None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 from elvis.core.streamlines.course import DIRECTIONS, Course, components_of, positive
 from elvis.core.streamlines.moving import Interval
 from elvis.core.streamlines.pathlines import pathlines as paths_through

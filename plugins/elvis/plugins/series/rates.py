@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from elvis.core.arrays import Floats
-from elvis.core.dataset import Field, rate_name
-from elvis.core.errors import ElvisError
-from elvis.core.moments import BETWEEN
+from elvis.core.base.arrays import Floats
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Field, rate_name
+from elvis.core.data.moments import BETWEEN
 from elvis.plugins.series.between import STEPS_OF, is_one_mesh, polynomial_name, sum_of
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def weights_of_rates(times: Floats, time: float) -> Floats:
 
 @dataclass(eq=False)
 class StepRates:
-    """Derivatives in time of a series at a time, found when they are requested (see `elvis.core.dataset.Rates`)."""
+    """Derivatives in time of a series at a time, found when requested (see `elvis.core.data.dataset.Rates`)."""
 
     series: Series
     time: float

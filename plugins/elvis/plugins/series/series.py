@@ -15,18 +15,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from elvis.core.arrays import Floats
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError, FormatError
-from elvis.core.geometry import share
-from elvis.core.moments import BETWEEN, Instant, Moment, checked_step
+from elvis.core.base.arrays import Floats
+from elvis.core.base.errors import ElvisError, FormatError
+from elvis.core.base.ranks import ALONE, agreed
+from elvis.core.data.dataset import Dataset
+from elvis.core.data.moments import BETWEEN, Instant, Moment, checked_step
+from elvis.core.mapping.geometry import share
 from elvis.core.portions.portion import Portion
 from elvis.core.quantities.needed import lack_of, needed_fields
-from elvis.core.ranks import ALONE, agreed
 from elvis.formats.reading import read as read_native
 from elvis.formats.reading import with_fields
-from elvis.plugins.others import Others
-from elvis.plugins.same_files import check_same_files
+from elvis.plugins.command.same_files import check_same_files
+from elvis.plugins.data.others import Others
 from elvis.plugins.series.between import (
     NEAR,
     STEPS_OF,
@@ -44,7 +44,7 @@ from elvis.plugins.series.rates import StepRates
 from elvis.plugins.series.step_names import expanded
 
 if TYPE_CHECKING:
-    from elvis.plugins.data import Reading
+    from elvis.plugins.data.data import Reading
 
 #: minimum number of steps kept in memory: one and the next; more if the interpolation needs them
 _KEPT = 2
@@ -74,7 +74,7 @@ def open_series(
     >>> series.at(0.1)
     <Dataset 2D: 16 quadrilaterals; fields u of order 7; time 0.1>
     """
-    from elvis.plugins.data import Reading, check_readable, pairs
+    from elvis.plugins.data.data import Reading, check_readable, pairs
 
     options = dict(reader) if isinstance(reader, Mapping) else pairs(reader)
     files, reading = [Path(path) for path in paths], Reading(None, options, cache, reference=reference or {})
@@ -112,7 +112,7 @@ class Series(Sequence[Dataset]):
         reading = replace(reading, is_of_map=False)
         files = [path for step in self.steps for path in step.files]
         if not reading.is_plain:
-            # each rank has all data, see `elvis.plugins.data.open_part`
+            # each rank has all data, see `elvis.plugins.data.data.open_part`
             check_same_files([*found.common, *files], reading.ranks)
             reading = replace(reading, ranks=ALONE)
         self.is_native, self._reading = found.is_native, reading
@@ -402,7 +402,7 @@ class Series(Sequence[Dataset]):
 
     def _warned(self, dataset: Dataset) -> Dataset:
         """A step with the warnings of the mesh, found with the first step, whose fields may hold the map."""
-        from elvis.plugins.data import with_warnings
+        from elvis.plugins.data.data import with_warnings
 
         if self._warnings is None:
             self._warnings = with_warnings(replace(dataset, remarks=()), self._reading.ranks).remarks
@@ -426,7 +426,7 @@ class Series(Sequence[Dataset]):
 
     def _whole(self, step: Step) -> tuple[Dataset, int]:
         """A step, and how many elements of its fields the mesh lacks."""
-        from elvis.plugins.data import state_of
+        from elvis.plugins.data.data import state_of
 
         if not self.is_native:
             return state_of((*self.common, *step.files), reading_of(step, self._reading)), 0

@@ -17,11 +17,11 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, frozen_floats
-from elvis.core.dataset import Block, Dataset, Expansion, Field
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Floats, Ints, frozen_floats
+from elvis.core.base.errors import ElvisError
+from elvis.core.base.terminal import track
+from elvis.core.data.dataset import Block, Dataset, Expansion, Field
 from elvis.core.polynomials.collapse import uncollapse
-from elvis.core.terminal import track
 from elvis.plugins.series.between import combined, is_one_mesh
 from elvis.plugins.series.extrema import Extrema, FitError
 from elvis.plugins.series.lattices import Fit, Lattice, Table, product_space

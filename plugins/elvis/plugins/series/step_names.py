@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")
 #: marks of patterns of names

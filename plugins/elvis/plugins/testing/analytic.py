@@ -8,15 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.data.mesh import Mesh
 from elvis.core.mapping.mode_entities import entities
 from elvis.core.mapping.orientation import local_vertices
-from elvis.core.mesh import Mesh
 from elvis.core.polynomials.expansion import values
 from elvis.core.polynomials.interpolation import modified
 from elvis.core.shapes import Shape
 from elvis.core.testing import rotated
-from elvis.plugins.conversion import Converter, Elements, PyramidSpace, SourceField
+from elvis.plugins.conversion.plugin import Converter, Elements, PyramidSpace, SourceField
 from elvis.plugins.projection.frames import PROPER
 
 Function = Callable[[Floats], Floats]

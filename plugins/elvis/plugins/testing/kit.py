@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Dataset
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.data.dataset import Dataset
 from elvis.formats.reading import read
 from elvis.formats.writing import write
-from elvis.plugins.conversion import Converter, Elements
-from elvis.plugins.converting import Conversion, Settings, convert
-from elvis.plugins.discovery import with_defaults
+from elvis.plugins.conversion.converting import Conversion, Settings, convert
+from elvis.plugins.conversion.discovery import with_defaults
+from elvis.plugins.conversion.plugin import Converter, Elements
+from elvis.plugins.conversion.report import Measure
 from elvis.plugins.projection.checking import check_points
 from elvis.plugins.projection.frames import affine_between
-from elvis.plugins.report import Measure
 from elvis.plugins.testing.probing import positions_at, values_at
 
 #: elements of each block that are compared, and how much greater than announced an error may be

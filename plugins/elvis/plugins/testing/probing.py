@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Dataset
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.data.dataset import Dataset
+from elvis.core.mapping.patch import patches
 from elvis.core.mapping.pointwise import positions, values
-from elvis.core.patch import patches
-from elvis.core.sampling import Sampler
-from elvis.plugins.converting import Conversion
+from elvis.core.numbers.sampling import Sampler
+from elvis.plugins.conversion.converting import Conversion
 
 
 def native_places(conversion: Conversion, block: int, rows: Ints, points: Floats) -> tuple[Ints, Floats]:

@@ -11,14 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, rows_of
+from elvis.core.base.arrays import Floats, Ints, rows_of
 from elvis.core.polynomials.bernstein import bernstein_values
-from elvis.plugins import volume_checks
-from elvis.plugins.evaluation_service import EvaluationService
 from elvis.plugins.faces import FaceBlock, Faces, faces_of
-from elvis.plugins.host_evaluation import host_evaluations
-from elvis.plugins.volume import Part, Volume
-from elvis.plugins.volume_checks import Samples, probes
+from elvis.plugins.runtime import volume_checks
+from elvis.plugins.runtime.evaluation_service import EvaluationService
+from elvis.plugins.runtime.host.evaluation import host_evaluations
+from elvis.plugins.runtime.volume import Part, Volume
+from elvis.plugins.runtime.volume_checks import Samples, probes
 
 #: reference step of central differences, and how far they may be from derivatives
 _STEP, _DIFFERENCE = 1e-4, 1e-5

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.arrays import Floats
-from elvis.core.dataset import Dataset
-from elvis.core.sampling import sample
+from elvis.core.base.arrays import Floats
+from elvis.core.data.dataset import Dataset
+from elvis.core.numbers.sampling import sample
 from elvis.core.shapes import Shape
 from elvis.core.testing.fields import approximated
 from elvis.core.testing.meshes import grid

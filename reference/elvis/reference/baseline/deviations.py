@@ -12,13 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Floats
-from elvis.core.dataset import Dataset
+from elvis.core.base.arrays import Floats
+from elvis.core.base.needing import MissingPackageError
+from elvis.core.data.dataset import Dataset
+from elvis.core.deformed.isometries import Isometry
 from elvis.core.distances import nearest, surface_of
-from elvis.core.isometries import Isometry
+from elvis.core.mapping.patch import Patch
 from elvis.core.mapping.pointwise import positions
-from elvis.core.needing import MissingPackageError
-from elvis.core.patch import Patch
 from elvis.plugins.faces import native_faces
 from elvis.reference.baseline.mesh import LinearMesh
 from elvis.reference.extras import comparison_module

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints
 from elvis.reference.baseline.mesh import LinearMesh
 from elvis.reference.extras import comparison_module
 

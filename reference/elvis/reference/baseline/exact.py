@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from elvis.core.arrays import Ints
+from elvis.core.base.arrays import Ints
+from elvis.core.mapping.patch import Patch
 from elvis.core.mapping.pointwise import positions
-from elvis.core.patch import Patch
 from elvis.reference.baseline.linear_drawing import Baseline
 from elvis.reference.baseline.mesh import LinearMesh, concatenate
 from elvis.reference.baseline.sections import section

@@ -8,9 +8,9 @@ from time import perf_counter
 
 import numpy as np
 
-from elvis.core.arrays import Floats
-from elvis.core.errors import ElvisError
-from elvis.core.patch import Patch
+from elvis.core.base.arrays import Floats
+from elvis.core.base.errors import ElvisError
+from elvis.core.mapping.patch import Patch
 from elvis.reference.baseline.linear_volumes import volume_fragments
 from elvis.reference.baseline.mesh import LinearMesh, concatenate, estimate, linear_meshes
 from elvis.reference.baseline.probing import Probe
@@ -37,8 +37,8 @@ from elvis.scene import (
     TriangleMesh,
     VolumeRendering,
 )
-from elvis.scene.time_limit import check_time
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
+from elvis.scene.model.time_limit import check_time
 
 #: surfaces of one object that a ray is followed through
 _DEEPEST = 16

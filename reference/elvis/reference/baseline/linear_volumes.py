@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints
 from elvis.reference.baseline.mesh import LinearMesh
 from elvis.reference.clipping import is_clipped
 from elvis.reference.composing import Fragments
@@ -16,7 +16,7 @@ from elvis.reference.scenes.ray_integrals import Light, RayIntegral
 from elvis.reference.scenes.segments import Segments, lengths, points_of
 from elvis.reference.scenes.volumes import Medium, depths_by_pixel
 from elvis.scene import Clip, Implicit, Transfer
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
 
 
 def volume_fragments(

@@ -12,14 +12,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.cutting import Template
-from elvis.core.errors import ElvisError
-from elvis.core.patch import Patch
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.errors import ElvisError
+from elvis.core.mapping.cutting import Template
+from elvis.core.mapping.patch import Patch
 from elvis.reference.baseline.templates import pulling, simplices_of
 from elvis.reference.quantities import Corners
 from elvis.reference.solids import cells_of, map_lattice
-from elvis.scene.time_limit import check_time
+from elvis.scene.model.time_limit import check_time
 
 #: the order of corners: along this direction, in which no two points of a mesh are likely to tie
 _GENERIC = np.array([0.5772156649, 0.6180339887, 0.5345224838])

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints
 from elvis.reference.baseline.mesh import LinearMesh
 from elvis.reference.baseline.tracing import Tracer
 from elvis.reference.extras import comparison_module
 from elvis.reference.hits import Hits
 from elvis.reference.scenes.rasters import barycentric_gradients
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
 
 #: triangles that a ray may meet outside of the mesh before it is given up
 _DEEPEST = 64

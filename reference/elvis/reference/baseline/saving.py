@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 from elvis.core.files.output import replacing
 from elvis.reference.baseline.mesh import LinearMesh
 from elvis.reference.extras import comparison_module

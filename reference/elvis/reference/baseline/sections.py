@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints
 from elvis.reference.baseline.mesh import LinearMesh, concatenate
 
 

@@ -1,4 +1,4 @@
-"""Cells pulled to simplices, when world positions are known; shapes are cut into cells by `elvis.core.cutting`."""
+"""Cells pulled to simplices, when world positions are known; `elvis.core.mapping.cutting` cuts shapes into cells."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.cutting import Template
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.mapping.cutting import Template
 from elvis.core.shapes import Shape
 
 #: simplices that a cell of each shape gives

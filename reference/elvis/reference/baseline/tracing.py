@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints
 from elvis.reference.baseline.mesh import LinearMesh
 from elvis.reference.extras import comparison_module
 from elvis.reference.hits import Hits, face_eye
-from elvis.scene.frame import Status
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
+from elvis.scene.record.frame import Status
 
 #: hits nearer to the last surface than this part of the mesh's size are the same surface, met again
 _APART = 1e-5

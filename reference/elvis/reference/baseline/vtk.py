@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.arrays import Floats
-from elvis.core.dataset import Dataset
-from elvis.core.errors import ElvisError
-from elvis.core.terminal import plain_names
-from elvis.plugins.exporting import exporter
+from elvis.core.base.arrays import Floats
+from elvis.core.base.errors import ElvisError
+from elvis.core.base.terminal import plain_names
+from elvis.core.data.dataset import Dataset
+from elvis.plugins.conversion.exporting import exporter
 from elvis.reference.baseline.linear_drawing import surfaces_of
 from elvis.reference.baseline.mesh import LinearMesh
 from elvis.reference.baseline.tracing import Tracer
@@ -27,7 +27,7 @@ from elvis.reference.composing import record
 from elvis.reference.extras import comparison_module
 from elvis.reference.record import Record
 from elvis.scene import CutSurface, Cylinder, Faces, Isosurface, Plane, Scene, SceneObject, Sphere, Surface
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
 
 #: ParaView's default level for curved faces
 _SUBDIVISION = 1

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.arrays import Floats
+from elvis.core.base.arrays import Floats
 from elvis.core.streamlines.velocity import Velocity
 from elvis.reference.baseline.mesh import LinearMesh
 from elvis.reference.extras import comparison_module

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from elvis.core.arguments import cache_option, overwrite_option, scheduler_option, workers_option
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.arguments import cache_option, overwrite_option, scheduler_option, workers_option
 from elvis.scene.commandline.command import FIGURE, SceneCommand
 
 if TYPE_CHECKING:
-    from elvis.plugins.workers import Workers
+    from elvis.plugins.command.workers import Workers
     from elvis.reference.study import Study
 
 EPILOG = """\b
@@ -105,8 +105,8 @@ def compare(
     report in a folder of its name below that of -o, and --workers write them in parallel.  Two records (.npz) of elvis
     render are compared with each other, with the first as the reference.
     """
-    from elvis.core.terminal import note, print_json, say, stage
-    from elvis.plugins.workers import Workers
+    from elvis.core.base.terminal import note, print_json, say, stage
+    from elvis.plugins.command.workers import Workers
 
     crew = Workers.of(workers, scheduler)
     tasks = _tasks(data, output, options)
@@ -157,7 +157,7 @@ def _tasks(data: tuple[Path, ...], output: Path | None, options: dict[str, Any])
     """One for each scene file, with all other files; raises ElvisError if a report can't be written."""
     from elvis.core.files.output import check_folder_place
     from elvis.reference.report.writing import check_folder
-    from elvis.scene.files import is_scene_file
+    from elvis.scene.model.files import is_scene_file
 
     scenes = list(filter(is_scene_file, data))
     if len(scenes) < 2:
@@ -179,7 +179,7 @@ def _tasks(data: tuple[Path, ...], output: Path | None, options: dict[str, Any])
 
 def _made_by(crew: Workers, tasks: list[Task]) -> list[Made]:
     """The results of all tasks, computed by workers."""
-    from elvis.plugins.workers import begun, results
+    from elvis.plugins.command.workers import begun, results
 
     crew.prepare("elvis.reference.commands.compare")
     with crew.client() as client:
@@ -190,7 +190,7 @@ def made(task: Task) -> Made:
     """Compare, and write the report."""
     from elvis.reference.report.summary import summary
     from elvis.reference.report.writing import plain, write_report
-    from elvis.scene.tables import input_files
+    from elvis.scene.model.tables import input_files
 
     options = dict(task.options)
     meshes, require, overwrite = (options.pop(name) for name in ("meshes", "require", "overwrite"))
@@ -222,11 +222,11 @@ def _study(data: tuple[Path, ...], options: dict[str, Any], output: Path | None)
 
 def _of_scene(data: tuple[Path, ...], options: dict[str, Any], output: Path | None) -> Study:
     """The exact picture of a scene against linear ones; ``output`` is to hold the scene."""
-    from elvis.plugins.data import Reading, dataset_of, pairs
+    from elvis.plugins.data.data import Reading, dataset_of, pairs
     from elvis.reference.study import compare_scene
     from elvis.scene.commandline.composing import composed
-    from elvis.scene.errors import SceneError
-    from elvis.scene.files import scene_text
+    from elvis.scene.model.errors import SceneError
+    from elvis.scene.model.files import scene_text
 
     own = ("refinements", "memory_limit", "validate", "meshes", "no_cache")
     levels, limit, validation_size, meshes, no_cache = (options.pop(name) for name in own)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from elvis.core.arguments import (
+from elvis.core.data.arguments import (
     TextType,
     between_option,
     cache_option,
@@ -24,11 +24,11 @@ from elvis.core.arguments import (
 )
 
 if TYPE_CHECKING:
-    from elvis.core.complex_fields import ComplexChoice
-    from elvis.core.dataset import Dataset
-    from elvis.core.deformation import Deformation
+    from elvis.core.data.complex_fields import ComplexChoice
+    from elvis.core.data.dataset import Dataset
+    from elvis.core.deformed.deformation import Deformation
     from elvis.core.differences import Differences, Family
-    from elvis.plugins.data import Reading
+    from elvis.plugins.data.data import Reading
     from elvis.reference.report.difference_maps import Maps
     from elvis.scene import Scene
 
@@ -119,14 +119,14 @@ def diff(
     to fine, the order of convergence to B is also printed. A report shows the fields of the last A, of B and their
     difference in one scene. --step and --time choose a time of datasets that are series.
     """
+    from elvis.core.base.terminal import print_json, stage, warn
+    from elvis.core.data.moments import Moment
     from elvis.core.differences import family
-    from elvis.core.moments import Moment
-    from elvis.core.terminal import print_json, stage, warn
-    from elvis.plugins.data import Reading
+    from elvis.plugins.data.data import Reading
     from elvis.reference.report.differences import write_difference_report
     from elvis.reference.report.writing import check_folder
     from elvis.scene import Scene
-    from elvis.scene.files import read_scene
+    from elvis.scene.model.files import read_scene
 
     if len(data) < 2:
         raise click.UsageError("expected at least two datasets, found one", click.get_current_context())
@@ -168,8 +168,8 @@ def _maps(
     first: Dataset, second: Dataset, names: tuple[str, str], found: Family, scene: Scene, is_asked: bool
 ) -> tuple[list[Maps], list[str]]:
     """The pictures of all fields, or a message why there are none; raises ElvisError instead if they were requested."""
-    from elvis.core.errors import ElvisError
-    from elvis.core.terminal import stage
+    from elvis.core.base.errors import ElvisError
+    from elvis.core.base.terminal import stage
     from elvis.reference.report.difference_maps import difference_maps
 
     try:
@@ -194,10 +194,10 @@ def _datasets(data: Sequence[tuple[Path, ...]], reading: Reading) -> list[Datase
 
     For series, the solution at a moment; raises ElvisError if a moment is requested and none is a series.
     """
-    from elvis.core.errors import ElvisError
-    from elvis.core.moments import Moment
-    from elvis.core.terminal import note
-    from elvis.plugins.data import dataset_of
+    from elvis.core.base.errors import ElvisError
+    from elvis.core.base.terminal import note
+    from elvis.core.data.moments import Moment
+    from elvis.plugins.data.data import dataset_of
     from elvis.plugins.series.series import series_in
 
     single = replace(reading, moment=Moment())
@@ -241,9 +241,9 @@ def _known(order: float) -> float | None:
 
 
 def _print(found: Family) -> None:
+    from elvis.core.base.terminal import print_table
     from elvis.core.differences.convergence import HEADERS as ORDERS
     from elvis.core.differences.difference import HEADERS
-    from elvis.core.terminal import print_table
 
     if len(found.members) == 1:
         print_table(HEADERS, found.members[0].cells())
@@ -253,7 +253,7 @@ def _print(found: Family) -> None:
 
 def _check(limit: float | None, found: Differences) -> None:
     """Raise ElvisError if a difference is greater than allowed, or may be: the bound counts where there is one."""
-    from elvis.core.errors import ElvisError
+    from elvis.core.base.errors import ElvisError
 
     for row in found:
         greatest = row.bound if row.bound == row.bound else row.linf

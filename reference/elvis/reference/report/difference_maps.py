@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.dataset import Dataset
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Dataset
 from elvis.core.differences.pairing import REFERENCE
-from elvis.core.errors import ElvisError
-from elvis.core.picturing import Kind
+from elvis.core.summary.picturing import Kind
 from elvis.reference.study import complete, drawing_device
 from elvis.scene import Scene
-from elvis.scene.frame import Frame
-from elvis.scene.palette import automatic_range
+from elvis.scene.record.frame import Frame
+from elvis.scene.record.palette import automatic_range
 
 #: width and height of pictures if the scene gives none
 SIZE = (640, 480)

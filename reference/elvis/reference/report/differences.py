@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from elvis.core.base.rounded_up import rounded_up
 from elvis.core.differences import Family
 from elvis.core.differences.convergence import HEADERS as ORDERS
 from elvis.core.differences.difference import HEADERS
-from elvis.core.rounded_up import rounded_up
 from elvis.reference.report.difference_maps import Maps
 from elvis.reference.report.page import filled
 from elvis.reference.report.plots import plot

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from elvis.core.arrays import Bools, Floats
+from elvis.core.base.arrays import Bools, Floats
 from elvis.reference.contours import crossings
 from elvis.reference.metrics import STEPS, Place, not_narrow, value_errors
 from elvis.reference.record import Record
@@ -116,7 +116,7 @@ def around(record: Record, place: Place) -> Pixels:
 
 def color_bar(palette: str, width: int = 512, height: int = 16) -> Pixels:
     """The colour map from left to right."""
-    from elvis.scene.palette import Palette
+    from elvis.scene.record.palette import Palette
 
     steps = Palette.of_name(palette, 0.0, 1.0).colors(np.linspace(0, 1, width))
     return np.tile(np.rint(255 * steps).astype(np.uint8), (height, 1, 1))

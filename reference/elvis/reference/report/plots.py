@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from io import StringIO
 from typing import Any
 
-from elvis.core.terminal import visible
+from elvis.core.base.terminal import visible
 from elvis.reference.extras import comparison_module
 from elvis.reference.line_study import LineStudy
 from elvis.reference.report.words import size

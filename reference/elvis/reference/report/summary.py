@@ -6,12 +6,12 @@ from collections.abc import Iterable
 from dataclasses import asdict
 from typing import Any
 
-from elvis.core.dataset import Expansion
+from elvis.core.data.dataset import Expansion
 from elvis.reference.line_study import line_facts
 from elvis.reference.report.conclusion import conclusion, is_right
 from elvis.reference.study import Rival, Study
 from elvis.reference.tolerances import Check
-from elvis.scene.tables import table_of
+from elvis.scene.model.tables import table_of
 
 
 def summary(study: Study) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 from elvis.core.files.output import Outputs, check_folder_place, check_inputs
 from elvis.reference.baseline.saving import FORMATS, save_mesh
 from elvis.reference.report.page import page
@@ -114,7 +114,7 @@ def _files_in(folder: Path) -> set[str]:
 
 def _scene(study: Study, folder: Path, final: Path) -> str:
     """The text of the scene's file, which is written to ``folder``; its file names hold from the ``final`` place."""
-    from elvis.scene.files import scene_text
+    from elvis.scene.model.files import scene_text
 
     if study.scene is None:
         return ""

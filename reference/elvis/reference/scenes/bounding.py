@@ -11,16 +11,16 @@ from itertools import pairwise, product
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.patch import Patch
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.mapping.patch import Patch
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.shapes import Shape
 from elvis.reference.chebyshev import SAMPLES, bounds_of, degrees_of, lattice, map_degrees
 from elvis.reference.quantities import Corners, Quantities
 from elvis.reference.scenes.rasters import pixels_between
 from elvis.reference.solids import map_lattice
-from elvis.scene.time_limit import check_time
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
+from elvis.scene.model.time_limit import check_time
 
 #: numbers of bisections of a box of few and of many elements along each direction; number of few; maximum of samples
 #: along a direction

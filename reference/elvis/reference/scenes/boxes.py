@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.bounded_cache import bounded_cache
-from elvis.core.rows import Rows
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.bounded_cache import bounded_cache
+from elvis.core.base.rows import Rows
 from elvis.reference.scenes.equations import Linear
 from elvis.reference.scenes.zeros import transform
 

@@ -6,14 +6,14 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.patch import Patch
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.mapping.patch import Patch
 from elvis.reference.chebyshev import degrees_of, map_degrees
 from elvis.reference.quantities import Quantities
 from elvis.reference.scenes.contour_search import Search
 from elvis.reference.scenes.rasters import pixels_between
 from elvis.scene import Plane
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
 
 #: coverage is certain that is known to this
 _KNOWN = 0.01

@@ -19,17 +19,17 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.patch import Patch
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.rows import Rows
+from elvis.core.mapping.patch import Patch
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.evaluation import evaluate
-from elvis.core.rows import Rows
 from elvis.reference.scenes.boxes import OVER, Boxes, nodes
 from elvis.reference.scenes.equations import Equation, Linear
 from elvis.reference.solids import map_lattice
 from elvis.scene import Plane
-from elvis.scene.time_limit import check_time
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
+from elvis.scene.model.time_limit import check_time
 
 #: radius of a segment in pixels; radius of a segment without a proved zero, and number of bisections, at which it is
 #: given up

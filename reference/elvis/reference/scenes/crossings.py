@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.patch import Patch
-from elvis.core.rows import Rows
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.rows import Rows
+from elvis.core.mapping.patch import Patch
 from elvis.reference.hits import Hits, face_eye
 from elvis.reference.quantities import Quantities
-from elvis.scene.frame import Status
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
+from elvis.scene.record.frame import Status
 
 #: part of its depth to which a certain hit is known; units in the last place that coordinates may be wrong by
 CERTAIN, _UNITS = 1e-8, 8

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints
 from elvis.core.mapping.inverse import Status as InverseStatus
 from elvis.core.mapping.locate import Location
 from elvis.core.mapping.margins import TOLERANCE
@@ -14,9 +14,9 @@ from elvis.reference.places import owners, polish
 from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.surfaces import gradients, triangles
 from elvis.scene import Cone, Cylinder, Plane, Sphere, Surface, TriangleMesh, unit
-from elvis.scene.errors import SceneError
-from elvis.scene.frame import Status
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
+from elvis.scene.model.errors import SceneError
+from elvis.scene.record.frame import Status
 
 #: hits of one ray with a triangle mesh, at most
 _MOST = 64

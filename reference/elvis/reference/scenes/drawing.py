@@ -11,8 +11,8 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Floats
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Bools, Floats
+from elvis.core.base.errors import ElvisError
 from elvis.reference.clipping import is_clipped, unsure
 from elvis.reference.composing import Fragments, SurfaceHits, colored, is_lit, record
 from elvis.reference.copied import CopiedQuantities
@@ -46,13 +46,13 @@ from elvis.scene import (
     Style,
     VolumeRendering,
 )
-from elvis.scene.errors import SceneError
-from elvis.scene.fitting import automatic, empty_picture_remark, surrounding
-from elvis.scene.flow import heads_in
-from elvis.scene.frame import Drawing, Frame, Legend, Status, constant_of
-from elvis.scene.frusta import keys_of
-from elvis.scene.palette import Palette, automatic_range
-from elvis.scene.view import View
+from elvis.scene.cameras.fitting import automatic, empty_picture_remark, surrounding
+from elvis.scene.cameras.view import View
+from elvis.scene.flow.flow import heads_in
+from elvis.scene.flow.frusta import keys_of
+from elvis.scene.model.errors import SceneError
+from elvis.scene.record.frame import Drawing, Frame, Legend, Status, constant_of
+from elvis.scene.record.palette import Palette, automatic_range
 
 #: ends of the colour range of each quantity
 Ranges = dict[tuple[str, str], tuple[float, float]]

@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats
+from elvis.core.base.arrays import Bools, Floats
 from elvis.core.quantities import intervals
 from elvis.core.quantities.functions import function
 from elvis.core.quantities.intervals import Interval

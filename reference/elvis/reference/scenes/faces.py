@@ -11,19 +11,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.cutting import template
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.rows import Rows
+from elvis.core.mapping.cutting import template
 from elvis.core.mapping.margins import TOLERANCE
-from elvis.core.patch import Patch
-from elvis.core.rows import Rows
+from elvis.core.mapping.patch import Patch
 from elvis.reference.baseline.templates import pulling
 from elvis.reference.chebyshev import map_degrees
 from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.newton import Constraint, Roots, solve
 from elvis.reference.scenes.rasters import among, on_screen, pixels_near
 from elvis.reference.solids import Face, faces_of, heights, map_lattice
-from elvis.scene.frame import Status
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
+from elvis.scene.record.frame import Status
 
 #: pixels by which a triangle may be off its face, and cuts after which it may be off by any
 _FLAT, _DEEPEST = 0.25, 6

@@ -12,15 +12,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.rows import Rows
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.rows import Rows
 from elvis.reference.quantities import Quantities
 from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.unions import INTERVAL, union
 from elvis.scene import Glyphs
-from elvis.scene.frusta import Frusta, frusta_in
-from elvis.scene.time_limit import check_time
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
+from elvis.scene.flow.frusta import Frusta, frusta_in
+from elvis.scene.model.time_limit import check_time
 
 #: factor by which each step towards the minimum shortens the part of a ray, such steps, halvings, pairs treated
 #: together

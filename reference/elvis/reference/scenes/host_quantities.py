@@ -7,22 +7,27 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.dataset import Expansion
-from elvis.core.errors import ElvisError
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.dataset import Expansion
 from elvis.core.mapping.boxes import Boxes
-from elvis.core.patch import Patch
+from elvis.core.mapping.patch import Patch
 from elvis.core.quantities import Expression
 from elvis.core.streamlines.flow_data import FlowSource
 from elvis.plugins.faces import Faces, faces_of
-from elvis.plugins.host_evaluation import HostEvaluation, evaluate_expression, host_evaluations, numerical_derivatives
-from elvis.plugins.host_flow import HostFlow
-from elvis.plugins.host_patch import HostPatch
-from elvis.plugins.opening import PluginData
-from elvis.plugins.serving import names_of
+from elvis.plugins.runtime.host.evaluation import (
+    HostEvaluation,
+    evaluate_expression,
+    host_evaluations,
+    numerical_derivatives,
+)
+from elvis.plugins.runtime.host.flow import HostFlow
+from elvis.plugins.runtime.host.patch import HostPatch
+from elvis.plugins.runtime.opening import PluginData
+from elvis.plugins.runtime.serving import names_of
 from elvis.reference.quantities import Corners, Quantities
 from elvis.reference.selection import on_faces
-from elvis.scene.frame import Frame
+from elvis.scene.record.frame import Frame
 
 
 class HostQuantities(Quantities):

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints
 from elvis.core.mapping.margins import TOLERANCE
-from elvis.core.patch import Patch
+from elvis.core.mapping.patch import Patch
 from elvis.reference.quantities import Quantities
 from elvis.reference.scenes.bounding import candidates, degree_along
 from elvis.reference.scenes.crossings import Crossings
@@ -23,8 +23,8 @@ from elvis.reference.scenes.segment_curves import followed_through
 from elvis.reference.scenes.segments import Segments, segments_through
 from elvis.reference.scenes.zeros import Zeros, zeros
 from elvis.reference.solids import map_points, margins_of
-from elvis.scene.frame import Status
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
+from elvis.scene.record.frame import Status
 
 #: relative tolerance of values for the requested one, and maximum steps of Newton's method, whose starts are near
 _ROUNDING, _STEPS = 4e-15, 12

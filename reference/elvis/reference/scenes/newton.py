@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.patch import Patch
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.mapping.patch import Patch
 from elvis.reference.solids import map_points
 
 #: a function of elements ``rows`` (n,) and reference points (n, 3): values (n,) and derivatives (n, 3)

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
-from elvis.scene.time_limit import check_time
-from elvis.scene.view import View
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.scene.cameras.view import View
+from elvis.scene.model.time_limit import check_time
 
 #: pairs of a triangle and a pixel that are treated together
 _AT_ONCE = 1 << 17

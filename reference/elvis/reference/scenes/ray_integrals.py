@@ -14,12 +14,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints, frozen_floats
-from elvis.core.bounded_cache import bounded_cache
+from elvis.core.base.arrays import Floats, Ints, frozen_floats
+from elvis.core.base.bounded_cache import bounded_cache
+from elvis.core.base.rows import Rows
 from elvis.core.polynomials.quadrature import gauss
-from elvis.core.rows import Rows
 from elvis.scene import Transfer
-from elvis.scene.time_limit import check_time
+from elvis.scene.model.time_limit import check_time
 
 #: smallest number of Gauss's points in a part
 LEAST = 8

@@ -13,23 +13,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from elvis.core.arrays import Floats
+from elvis.core.base.arrays import Floats
 from elvis.core.quantities.expression import Expression
 from elvis.core.quantities.tree import AXES, world_derivative
 from elvis.core.streamlines.course import Flow
 from elvis.core.streamlines.first_roots import bernstein_at
 from elvis.core.streamlines.flow_data import FlowSource, flow_data
-from elvis.core.streamlines.line_steps import Piece
+from elvis.core.streamlines.lines.steps import Piece
 from elvis.core.streamlines.ribbons import at_seeds
 from elvis.reference.quantities import Quantities
 from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.tubes import near_pixels
 from elvis.reference.scenes.unions import places_of
 from elvis.scene import Streamlines
-from elvis.scene.flow import course_of
-from elvis.scene.frame import Status
-from elvis.scene.time_limit import check_time
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
+from elvis.scene.flow.flow import course_of
+from elvis.scene.model.time_limit import check_time
+from elvis.scene.record.frame import Status
 
 #: points at which a step is solved, samples of it, halvings between samples, rays treated together
 _NODES, _SAMPLES, _HALVINGS, _AT_ONCE = 28, 65, 54, 1 << 13

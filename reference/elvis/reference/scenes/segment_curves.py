@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints
 from elvis.core.mapping.margins import TOLERANCE
-from elvis.core.patch import Patch
+from elvis.core.mapping.patch import Patch
 from elvis.reference.scenes.segments import Segments, followed, places, points_of
 from elvis.reference.solids import margins_of
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
 
 #: segments are longer than those through elements by this part, and by this part of the scene's size
 _LONGER, _BEYOND = 1e-3, 1e-9

@@ -7,16 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.patch import Patch
-from elvis.core.rows import Rows
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.rows import Rows
+from elvis.core.mapping.patch import Patch
 from elvis.reference.locating import Locator
 from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.faces import face_crossings
 from elvis.reference.scenes.newton import inverses
 from elvis.reference.solids import faces_of, map_points, margins_of
-from elvis.scene.frame import Status
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
+from elvis.scene.record.frame import Status
 
 _STEPS = 12
 #: share of a ray that segments may have in common by rounding, relative to the scene's size

@@ -1,6 +1,7 @@
 """Line integral convolution in NumPy: lines by Runge and Kutta's method, all pixels at a time.
 
-Only the noise, the weights along a line and the meaning of a mean are shared with the renderer: elvis.scene.streaks.
+Only the noise, the weights along a line and the meaning of a mean are shared with the renderer
+(elvis.scene.flow.streaks).
 """
 
 from __future__ import annotations
@@ -9,15 +10,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.dataset import Dataset
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.bounds.bounding import quantity_range
+from elvis.core.data.dataset import Dataset
 from elvis.core.quantities import Expression
-from elvis.core.quantities.bounding import quantity_range
 from elvis.core.streamlines.course import REST
 from elvis.reference.hits import Hits
 from elvis.scene import Lic
-from elvis.scene.streaks import cells, middle, noise, scale_of, tones, weights
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
+from elvis.scene.flow.streaks import cells, middle, noise, scale_of, tones, weights
 
 #: steps of an integration between two places that noise is taken from
 _FINER = 2

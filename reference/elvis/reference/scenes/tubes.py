@@ -13,22 +13,22 @@ from itertools import islice
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.dataset import Dataset
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.data.dataset import Dataset
 from elvis.core.streamlines.course import Flow
 from elvis.core.streamlines.first_roots import bernstein_at
 from elvis.core.streamlines.flow_data import FlowSource
-from elvis.core.streamlines.line_pieces import Pieces, bernstein_of
-from elvis.core.streamlines.line_steps import Piece
+from elvis.core.streamlines.lines.pieces import Pieces, bernstein_of
+from elvis.core.streamlines.lines.steps import Piece
 from elvis.core.streamlines.pathlines import path_steps
 from elvis.core.streamlines.velocity import Velocity
 from elvis.reference.quantities import Quantities
 from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.scenes.unions import INTERVAL, union
 from elvis.scene import Streamlines
-from elvis.scene.flow import RADIUS, course_of, curves_in
-from elvis.scene.time_limit import check_time
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
+from elvis.scene.flow.flow import RADIUS, course_of, curves_in
+from elvis.scene.model.time_limit import check_time
 
 #: points through which a step is interpolated, samples of it, halvings between samples
 _NODES, _SAMPLES, _HALVINGS = 28, 65, 52

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from elvis.core.arrays import Ints
+from elvis.core.base.arrays import Ints
 from elvis.reference.quantities import Quantities
 from elvis.reference.scenes.crossings import Crossings
-from elvis.scene.frame import Status
+from elvis.scene.record.frame import Status
 
 #: an interval of a ray within a solid: depths, places in the element of that id, and normals outwards at both ends
 INTERVAL = np.dtype(

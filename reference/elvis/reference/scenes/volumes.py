@@ -13,8 +13,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.patch import Patch
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.mapping.patch import Patch
 from elvis.reference.clipping import is_clipped
 from elvis.reference.composing import Fragments
 from elvis.reference.quantities import Quantities
@@ -27,7 +27,7 @@ from elvis.reference.scenes.segments import Segments, lengths, places
 from elvis.reference.scenes.zeros import zeros
 from elvis.reference.solids import map_points
 from elvis.scene import Clip, Implicit, Transfer
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
 
 #: segments that are summed together
 _AT_ONCE = 1 << 13

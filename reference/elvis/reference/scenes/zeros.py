@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from elvis.core.arrays import Bools, Floats, Ints
-from elvis.core.bounded_cache import bounded_cache
-from elvis.core.rows import Rows
-from elvis.scene.time_limit import check_time
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.bounded_cache import bounded_cache
+from elvis.core.base.rows import Rows
+from elvis.scene.model.time_limit import check_time
 
 #: functions ``which`` (k,) at places (k, m) of [0, 1]: (k, m) values, NaN if there are none
 Along = Callable[[Ints, Floats], Floats]

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from elvis.core.arguments import (
+from elvis.core.base.errors import ElvisError
+from elvis.core.base.ranks import ALONE, Ranks, is_idle, of_first
+from elvis.core.data.arguments import (
     TextType,
     cache_option,
     evenly,
@@ -15,19 +17,17 @@ from elvis.core.arguments import (
     scheduler_option,
     workers_option,
 )
-from elvis.core.errors import ElvisError
-from elvis.core.ranks import ALONE, Ranks, is_idle, of_first
-from elvis.plugins.running import shared
+from elvis.plugins.command.running import shared
 from elvis.scene.commandline.command import SceneCommand, setting_option, text_type
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from elvis.core.moments import Moment
-    from elvis.renderer.animation import Film
-    from elvis.renderer.film_files import FrameFolder
-    from elvis.renderer.film_workers import Team
-    from elvis.renderer.motions import Motion
+    from elvis.core.data.moments import Moment
+    from elvis.renderer.film.animation import Film
+    from elvis.renderer.film.files import FrameFolder
+    from elvis.renderer.film.motions import Motion
+    from elvis.renderer.film.workers import Team
     from elvis.scene import Camera, Scene
 
 #: frames of an animation whose number nothing says
@@ -133,15 +133,15 @@ def animate(
     """
     from contextlib import ExitStack
 
-    from elvis.core.terminal import say
-    from elvis.plugins.workers import Workers
-    from elvis.renderer.animation import Film, scenes_of
-    from elvis.renderer.completing import other_device
-    from elvis.renderer.film_files import FrameFolder, write_film
-    from elvis.renderer.film_workers import Team
-    from elvis.renderer.motions import motion_of
+    from elvis.core.base.terminal import say
+    from elvis.plugins.command.workers import Workers
+    from elvis.renderer.asking.completing import other_device
+    from elvis.renderer.film.animation import Film, scenes_of
+    from elvis.renderer.film.files import FrameFolder, write_film
+    from elvis.renderer.film.motions import motion_of
+    from elvis.renderer.film.workers import Team
     from elvis.scene.commandline.composing import composed
-    from elvis.scene.tables import table_of
+    from elvis.scene.model.tables import table_of
 
     if orbit and path:
         raise click.UsageError("expected --orbit or --path, found both", click.get_current_context())
@@ -181,8 +181,8 @@ def animate(
 
 def _moving_options(texts: dict[str, str | None], options: dict[str, Any]) -> list[Motion]:
     """The motions that options of the scene say; their first value, or a constant, goes to the other options."""
-    from elvis.core.arguments import numbers
-    from elvis.renderer.motions import motion_of
+    from elvis.core.data.arguments import numbers
+    from elvis.renderer.film.motions import motion_of
 
     found: list[Motion] = []
     for name, text in texts.items():
@@ -201,7 +201,7 @@ def _moving_options(texts: dict[str, str | None], options: dict[str, Any]) -> li
 def _places(outputs: tuple[Path, ...], data: tuple[Path, ...], overwrite: bool) -> tuple[Path, list[Path]]:
     """The folder of frames and the animations; ElvisError for invalid outputs."""
     from elvis.core.files.output import check_folder_place, check_places
-    from elvis.renderer.film_files import FILMS, check_film
+    from elvis.renderer.film.files import FILMS, check_film
 
     films = [path for path in outputs if path.suffix.lower() in FILMS]
     folders = [path for path in outputs if path not in films]
@@ -220,7 +220,7 @@ def _moments(film: Film, times: tuple[float, float, int] | None, frames: int | N
     """The moment of each frame."""
     import numpy as np
 
-    from elvis.core.moments import Moment
+    from elvis.core.data.moments import Moment
 
     if times is not None and frames is not None:
         raise click.UsageError("expected --times A:B:N or --frames N, found both", click.get_current_context())
@@ -253,8 +253,8 @@ def _filmed(
     """
     from dataclasses import replace
 
-    from elvis.renderer.animation import orbited
-    from elvis.scene.camera_path import CameraPath
+    from elvis.renderer.film.animation import orbited
+    from elvis.scene.cameras.camera_path import CameraPath
 
     def fitted(camera: Camera | str) -> Camera:
         if isinstance(camera, str) or (camera.fov is None and camera.height is None):
@@ -277,8 +277,8 @@ def _coloured(film: Film, scene: Scene, folder: Path, is_kept: bool) -> tuple[Sc
     """The scene with its range, and what the record of its frames says of one over all steps: that is found once."""
     from dataclasses import replace
 
-    from elvis.renderer.film_files import known_range
-    from elvis.renderer.series_range import with_range
+    from elvis.renderer.asking.series_range import with_range
+    from elvis.renderer.film.files import known_range
 
     if scene.range != "series":
         return scene, None
@@ -296,8 +296,8 @@ def _draw(film: Film, scenes: list[Scene], frames: FrameFolder, team: Team | Non
     """Draw the missing frames, and report the remarks of the series."""
     from dataclasses import replace
 
-    from elvis.core.terminal import note, track
-    from elvis.renderer.bricks import peak_note
+    from elvis.core.base.terminal import note, track
+    from elvis.renderer.parts.bricks import peak_note
 
     missing = of_first(film.ranks, frames.begin, "the frames of an animation")
     shots = [(replace(scenes[number], outputs=(str(frames.path(number)),)), frames.path(number)) for number in missing]

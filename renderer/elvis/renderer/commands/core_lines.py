@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from elvis.core.streamlines.line_files import check_suffix, write_lines
+from elvis.core.streamlines.lines.files import check_suffix, write_lines
 
 if TYPE_CHECKING:
     from elvis.core.cores import VortexCores
@@ -75,10 +75,10 @@ def trace_cores(
     overwrite: bool,
 ) -> None:
     """Find and follow cores, write them, and print how they end."""
-    from elvis.core.arguments import texts_of
+    from elvis.core.base.terminal import print_json, print_table, progress
     from elvis.core.cores import vortex_cores
+    from elvis.core.data.arguments import texts_of
     from elvis.core.files.output import check_places
-    from elvis.core.terminal import print_json, print_table, progress
 
     if output is not None:
         check_suffix(output)
@@ -105,7 +105,7 @@ def trace_cores(
 
 def _warn_of_undecided(found: VortexCores) -> None:
     """Name elements in which there may be more cores than were found."""
-    from elvis.core.terminal import warn
+    from elvis.core.base.terminal import warn
 
     if found.undecided:
         ids = ", ".join(map(str, found.undecided[:_LISTED]))

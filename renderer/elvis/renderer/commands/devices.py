@@ -19,10 +19,10 @@ def devices(as_json: bool, is_of_caches: bool) -> None:
     if is_of_caches:
         _list_caches(as_json)
         return
-    from elvis.core.terminal import print_json, print_table, warn
-    from elvis.plugins.registry import plugins
-    from elvis.renderer.adapters import ADVICE, COMPILER_ADVICE, adapters, by_preference, unfit
-    from elvis.renderer.device_errors import DeviceError
+    from elvis.core.base.terminal import print_json, print_table, warn
+    from elvis.plugins.command.registry import plugins
+    from elvis.renderer.device.adapters import ADVICE, COMPILER_ADVICE, adapters, by_preference, unfit
+    from elvis.renderer.device.errors import DeviceError
 
     advice = []
     try:
@@ -55,10 +55,10 @@ def devices(as_json: bool, is_of_caches: bool) -> None:
 
 def _list_caches(as_json: bool) -> None:
     """Print where and how much is cached on the disk, and the limit of tables in the memory of a process."""
-    from elvis.core.bounded_cache import MAX_BYTES
+    from elvis.core.base.bounded_cache import MAX_BYTES
+    from elvis.core.base.memory import size_text
+    from elvis.core.base.terminal import print_json, print_table
     from elvis.core.files.keeping import cache_folder, kept_files
-    from elvis.core.memory import size_text
-    from elvis.core.terminal import print_json, print_table
 
     found = [(name, cache_folder(name), *kept_files(name)) for name in ("kernels", "conversions")]
     if as_json:

@@ -9,20 +9,20 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from elvis.core.arguments import field_option, json_option, overwrite_option, times_option, top_modes_option
-from elvis.core.ranks import ALONE, Ranks, is_idle
-from elvis.core.rounded_up import rounded_up
-from elvis.plugins.running import shared
+from elvis.core.base.ranks import ALONE, Ranks, is_idle
+from elvis.core.base.rounded_up import rounded_up
+from elvis.core.data.arguments import field_option, json_option, overwrite_option, times_option, top_modes_option
+from elvis.plugins.command.running import shared
 from elvis.renderer.commands.sources import Data, NativeSource, data_options, native_source, or_alone
 from elvis.renderer.commands.with_copies import copies_options
 
 if TYPE_CHECKING:
-    from elvis.core.dataset import Dataset
+    from elvis.core.base.terminal import Progress
+    from elvis.core.data.dataset import Dataset
     from elvis.core.files.columns import Columns
     from elvis.core.integrals import Integrals
-    from elvis.core.terminal import Progress
     from elvis.renderer.commands.sources import Source
-    from elvis.scene.copies import Copies
+    from elvis.scene.model.copies import Copies
 
 EPILOG = """\b
 Examples:
@@ -216,7 +216,7 @@ def reporter() -> Callable[[float], None]:
     """A function that receives relative errors and reports them on a terminal, the first after some seconds."""
     from time import monotonic
 
-    from elvis.core.terminal import announce
+    from elvis.core.base.terminal import announce
 
     last = monotonic()
 
@@ -240,8 +240,8 @@ def _is_finished(found: _Moments) -> bool:
 
 def _show(found: _Moments, plot: Path | None, output: Path | None, as_json: bool) -> None:
     """Write, plot or print integrals, with a warning for values that miss the requested error."""
+    from elvis.core.base.terminal import print_json, print_table, warn
     from elvis.core.files.columns import write_columns
-    from elvis.core.terminal import print_json, print_table, warn
 
     for remark in dict.fromkeys(remark for _, own in found for remark in own.remarks):
         warn(remark)
@@ -272,7 +272,7 @@ def _check_outputs(output: Path | None, plot: Path | None, read: list[Path], ove
     if output is not None:
         check_suffix(output)
     if plot is not None:
-        from elvis.scene.time_plot import check_plot
+        from elvis.scene.figure.time_plot import check_plot
 
         check_plot(plot)
     check_places([path for path in (output, plot) if path is not None], read, overwrite)
@@ -300,10 +300,10 @@ def _histogram(
     """Write, draw or print how much of the domain has values of quantities in bins."""
     import numpy as np
 
-    from elvis.core.errors import ElvisError
+    from elvis.core.base.errors import ElvisError
+    from elvis.core.base.terminal import note, print_json, print_table, stage
     from elvis.core.files.columns import write_columns
-    from elvis.core.histogram import histogram
-    from elvis.core.terminal import note, print_json, print_table, stage
+    from elvis.core.numbers.histogram import histogram
 
     source = data.source(quantities)
     dataset = source.dataset
@@ -314,7 +314,7 @@ def _histogram(
     for name, own in found.items():
         note(f"{name}: from {own.points} points on {own.elements} of {own.total} elements")
     if plot is not None:
-        from elvis.scene.time_plot import Bars
+        from elvis.scene.figure.time_plot import Bars
 
         Bars({name: (own.ends, own.shares) for name, own in found.items()}).save(plot)
     columns: Columns = {
@@ -339,7 +339,7 @@ _POINTS = 1_000_000
 
 
 def _of_one_state(opened: Callable[[], Source], integrals: Callable[[Source, Progress | None], Integrals]) -> _Moments:
-    from elvis.core.terminal import progress
+    from elvis.core.base.terminal import progress
 
     source = opened()
     with progress("integrating") as report:
@@ -377,7 +377,7 @@ def _plot(path: Path, found: _Moments) -> None:
     """Plot a panel for each quantity, with a curve for each target."""
     import numpy as np
 
-    from elvis.scene.time_plot import Plot
+    from elvis.scene.figure.time_plot import Plot
 
     first = found[0][1]
     overs, names = (list(dict.fromkeys(getattr(row, key) for row in first)) for key in ("over", "integrand"))

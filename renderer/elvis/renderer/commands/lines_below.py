@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from elvis.core.arrays import Bools, Floats
+    from elvis.core.base.arrays import Bools, Floats
     from elvis.core.streamlines import TracedLines
 
 

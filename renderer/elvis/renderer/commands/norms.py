@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from elvis.core.arguments import field_option, json_option
-from elvis.plugins.running import shared
+from elvis.core.data.arguments import field_option, json_option
+from elvis.plugins.command.running import shared
 from elvis.renderer.commands.sources import Data, data_options, tell_conversion
 
 if TYPE_CHECKING:
-    from elvis.core.dataset import Dataset
-    from elvis.core.norms import Norm
-    from elvis.core.ranks import Ranks
+    from elvis.core.base.ranks import Ranks
+    from elvis.core.data.dataset import Dataset
+    from elvis.core.numbers.norms import Norm
 
 EPILOG = """\b
 Examples:
@@ -39,8 +39,8 @@ def norms(data: Data, ranks: Ranks, quantities: tuple[str, ...], as_json: bool) 
     norm is the root of the integral of the square, so that 1 gives the root of the volume. Data of runtime plugins are
     integrated with rules that are refined until they agree.
     """
+    from elvis.core.base.terminal import stage
     from elvis.core.quantities import Expression
-    from elvis.core.terminal import stage
 
     def comes_apart(dataset: Dataset) -> bool:
         return all(Expression.of(dataset, text).is_borrowed for text in quantities)
@@ -55,7 +55,7 @@ def norms(data: Data, ranks: Ranks, quantities: tuple[str, ...], as_json: bool) 
 
 
 def _print(found: Mapping[str, Norm], as_json: bool) -> None:
-    from elvis.core.terminal import print_json, print_table
+    from elvis.core.base.terminal import print_json, print_table
 
     if as_json:
         print_json({name: _facts(norm) for name, norm in found.items()})
@@ -75,9 +75,9 @@ def _facts(norm: Norm) -> dict[str, float | None]:
 
 def _tell_measure(quantities: tuple[str, ...], found: Mapping[str, Norm]) -> None:
     """Warn about the norm of the first constant, as its user probably expects the volume."""
-    from elvis.core.errors import ElvisError
+    from elvis.core.base.errors import ElvisError
+    from elvis.core.base.terminal import warn
     from elvis.core.quantities import Expression, Names
-    from elvis.core.terminal import warn
 
     for text in quantities:
         try:

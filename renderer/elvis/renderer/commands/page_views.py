@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from elvis.core.arguments import times_option_for
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.arguments import times_option_for
 
 if TYPE_CHECKING:
     from elvis.renderer.commands.render import Opened
-    from elvis.scene.whole import Camera, Scene
+    from elvis.scene.model.whole import Camera, Scene
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class PageViews:
 
     def check(self, scene: Scene, ranks: int) -> None:
         """ElvisError if a scene can't be drawn in several views."""
-        from elvis.scene.permissions import HTML
+        from elvis.scene.model.permissions import HTML
 
         if not self.are_several:
             return
@@ -57,7 +57,7 @@ class PageViews:
         if self.times is None:
             return (scene,)
         from elvis.plugins.series.series import series_in
-        from elvis.renderer.request import reading_for
+        from elvis.renderer.asking.request import reading_for
 
         series = series_in(tuple(map(Path, scene.data)), reading_for([scene], is_kept))
         if series is None:
@@ -72,7 +72,7 @@ class PageViews:
         """
         if not self.are_several:
             return scenes
-        from elvis.scene.fitting import LARGEST
+        from elvis.scene.cameras.fitting import LARGEST
 
         sized = [replace(scene, size=scene.size or LARGEST) for scene in scenes]
         cameras = self.cameras(sized[0], opened)
@@ -80,10 +80,10 @@ class PageViews:
 
     def cameras(self, scene: Scene, opened: Opened) -> list[Camera]:
         """Cameras around the up axis; fitted ones have one scale, at which everything is visible."""
-        from elvis.renderer.animation import orbited
-        from elvis.renderer.rendering import Pictures
-        from elvis.scene.fitting import is_given
-        from elvis.scene.view import named_camera
+        from elvis.renderer.film.animation import orbited
+        from elvis.renderer.frame.rendering import Pictures
+        from elvis.scene.cameras.fitting import is_given
+        from elvis.scene.cameras.view import named_camera
 
         if self.directions == 1:
             with Pictures(opened, scene.device) as pictures:

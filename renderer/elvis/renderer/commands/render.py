@@ -11,20 +11,20 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import click
 
-from elvis.core.arguments import cache_option, overwrite_option
-from elvis.plugins.running import shared
+from elvis.core.data.arguments import cache_option, overwrite_option
+from elvis.plugins.command.running import shared
 from elvis.renderer.commands.page_views import PageViews, page_options
 from elvis.scene.commandline.command import OUTPUT, SceneCommand, setting_option
 
 if TYPE_CHECKING:
-    from elvis.core.dataset import Dataset
-    from elvis.core.ranks import Ranks
-    from elvis.plugins.data import Reading
-    from elvis.plugins.opening import PluginData
-    from elvis.renderer.bricks import Bricks
-    from elvis.renderer.parts import RankPart
+    from elvis.core.base.ranks import Ranks
+    from elvis.core.data.dataset import Dataset
+    from elvis.plugins.data.data import Reading
+    from elvis.plugins.runtime.opening import PluginData
+    from elvis.renderer.parts.bricks import Bricks
+    from elvis.renderer.parts.parts import RankPart
     from elvis.scene import Scene
-    from elvis.scene.frame import Frame
+    from elvis.scene.record.frame import Frame
 
     #: what scenes are drawn of
     Opened: TypeAlias = Bricks | Dataset | PluginData | RankPart
@@ -93,11 +93,11 @@ def render(
     Without --output the picture is named after the scene or the first file, in the current folder, with a number if
     that name is taken.  A scene file (.toml, .yaml, .json) can contain all settings of the options and name the data.
     """
-    from elvis.core.terminal import note, say, warn
-    from elvis.renderer.bricks import peak_note
-    from elvis.renderer.series_range import with_range
+    from elvis.core.base.terminal import note, say, warn
+    from elvis.renderer.asking.series_range import with_range
+    from elvis.renderer.parts.bricks import peak_note
     from elvis.scene.commandline.composing import composed, outputs_of_file, panels
-    from elvis.scene.ownership import check_own
+    from elvis.scene.model.ownership import check_own
 
     scene = composed(data, options, settings)
     is_named = bool(scene.outputs)
@@ -133,7 +133,7 @@ def _free_name(data: tuple[Path, ...], overwrite: bool, suffix: str) -> str:
     """
     from itertools import count
 
-    from elvis.scene.files import is_scene_file
+    from elvis.scene.model.files import is_scene_file
 
     first = next(filter(is_scene_file, data), data[0])
     stem = Path(os.path.basename(os.path.abspath(first)).removesuffix(".gz")).stem
@@ -143,11 +143,11 @@ def _free_name(data: tuple[Path, ...], overwrite: bool, suffix: str) -> str:
 
 def _check_places(scene: Scene, data: tuple[Path, ...], save_scene: Path | None, overwrite: bool) -> None:
     """Errors about outputs, before any long work."""
-    from elvis.core.arguments import inputs
+    from elvis.core.data.arguments import inputs
     from elvis.core.files.output import check_places
-    from elvis.scene.files import check_scene_suffix, scene_text
-    from elvis.scene.saving import check_suffix
-    from elvis.scene.tables import input_files
+    from elvis.scene.figure.saving import check_suffix
+    from elvis.scene.model.files import check_scene_suffix, scene_text
+    from elvis.scene.model.tables import input_files
 
     for output in scene.outputs:
         check_suffix(Path(output))
@@ -160,8 +160,8 @@ def _check_places(scene: Scene, data: tuple[Path, ...], save_scene: Path | None,
 
 def _opened(scenes: tuple[Scene, ...], is_kept: bool, ranks: Ranks) -> dict[object, Opened]:
     """The data of scenes by their dependencies, each opened once; with ranks, only the parts that are needed."""
-    from elvis.renderer.bricks import opening_for
-    from elvis.renderer.parts import of_ranks, opening_for_ranks
+    from elvis.renderer.parts.bricks import opening_for
+    from elvis.renderer.parts.parts import of_ranks, opening_for_ranks
 
     alike: dict[object, list[Scene]] = {}
     for scene in scenes:
@@ -179,10 +179,10 @@ def _frames(scenes: tuple[Scene, ...], opened: dict[object, Opened], ranks: Rank
     """
     from itertools import compress
 
-    from elvis.plugins.opening import PluginData
-    from elvis.renderer.bricks import Bricks
-    from elvis.renderer.completing import other_device
-    from elvis.renderer.parts import RankPart
+    from elvis.plugins.runtime.opening import PluginData
+    from elvis.renderer.asking.completing import other_device
+    from elvis.renderer.parts.bricks import Bricks
+    from elvis.renderer.parts.parts import RankPart
     from elvis.scene.commandline.composing import in_one_range
 
     is_several = len(scenes) > 1
@@ -213,9 +213,9 @@ def _open(
     scenes: list[Scene], opening: Callable[[Sequence[Path], Reading, Callable[[str], object]], T], is_kept: bool
 ) -> T:
     """The data of scenes, which are the same, as ``opening`` gives them."""
-    from elvis.core.terminal import warn
-    from elvis.renderer.request import reading_for
-    from elvis.scene.errors import SceneError
+    from elvis.core.base.terminal import warn
+    from elvis.renderer.asking.request import reading_for
+    from elvis.scene.model.errors import SceneError
 
     data = scenes[0].data
     if not data:
@@ -227,8 +227,8 @@ def _drawn(data: list[Opened], scenes: tuple[Scene, ...], ranks: Ranks) -> list[
     """The pictures of scenes, each of its data; neighbours of the same data share them on the device."""
     from itertools import groupby
 
-    from elvis.core.terminal import progress
-    from elvis.renderer.rendering import Pictures
+    from elvis.core.base.terminal import progress
+    from elvis.renderer.frame.rendering import Pictures
 
     frames = []
     pairs = zip(data, scenes, strict=True)
@@ -244,11 +244,11 @@ def _write(frames: list[Frame], scene: Scene, views: PageViews, save_scene: Path
     """All files at once: pictures, numbers as JSON, and the scene with the camera and size that were found."""
     import json
 
+    from elvis.core.base.terminal import warn
     from elvis.core.files.output import Outputs, write_text
-    from elvis.core.terminal import warn
-    from elvis.scene.files import write_scene
-    from elvis.scene.ownership import SOFTWARE
-    from elvis.scene.saving import save_panels, save_views
+    from elvis.scene.figure.saving import save_panels, save_views
+    from elvis.scene.model.files import write_scene
+    from elvis.scene.model.ownership import SOFTWARE
 
     frame = frames[0]
     left_out: tuple[str, ...] = ()
@@ -275,7 +275,7 @@ def _write(frames: list[Frame], scene: Scene, views: PageViews, save_scene: Path
 
 def _report_counts(frame: Frame) -> None:
     """Print warnings about pixels; on a terminal also their status counts."""
-    from elvis.core.terminal import warn
+    from elvis.core.base.terminal import warn
 
     counts = frame.counts()
     shown = max(1, sum(counts[name] for name in ("certain", "ambiguous", "failed")))

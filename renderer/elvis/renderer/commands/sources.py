@@ -11,7 +11,8 @@ from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, Union
 
-from elvis.core.arguments import (
+from elvis.core.base.ranks import ALONE, Ranks, is_idle
+from elvis.core.data.arguments import (
     between_option,
     cache_option,
     complex_options,
@@ -25,28 +26,27 @@ from elvis.core.arguments import (
     step_option,
     time_option,
 )
-from elvis.core.ranks import ALONE, Ranks, is_idle
 
 if TYPE_CHECKING:
-    from elvis.core.arrays import Floats
-    from elvis.core.complex_fields import ComplexChoice
-    from elvis.core.critical_points import CriticalPoints
-    from elvis.core.dataset import Dataset
-    from elvis.core.deformation import Deformation
-    from elvis.core.extrema import Extremum
+    from elvis.core.base.arrays import Floats
+    from elvis.core.base.terminal import Progress
+    from elvis.core.bounds.extrema import Extremum
+    from elvis.core.critical.points import CriticalPoints
+    from elvis.core.data.complex_fields import ComplexChoice
+    from elvis.core.data.dataset import Dataset
+    from elvis.core.deformed.deformation import Deformation
     from elvis.core.files.columns import Columns
     from elvis.core.integrals import Integrals
-    from elvis.core.norms import Norm
+    from elvis.core.numbers.norms import Norm
+    from elvis.core.numbers.sampling import Samples
     from elvis.core.portions import Portion
     from elvis.core.quantities import Expression, Names
-    from elvis.core.sampling import Samples
     from elvis.core.streamlines import TracedLines
-    from elvis.core.terminal import Progress
     from elvis.core.validity.validity import Validity
-    from elvis.plugins.data import Reading
-    from elvis.plugins.opening import PluginData
+    from elvis.plugins.data.data import Reading
+    from elvis.plugins.runtime.opening import PluginData
     from elvis.plugins.series.series import Series
-    from elvis.renderer.evaluation import Evaluation
+    from elvis.renderer.numbers.evaluation import Evaluation
 
 Source: TypeAlias = Union["NativeSource", "Evaluation"]
 Facts = dict[str, Any]
@@ -89,15 +89,15 @@ class Data:
 
     def inputs(self, points: str | None = None) -> list[Path]:
         """All files that are read, with a table of points where there is one."""
-        from elvis.plugins.others import files_of_others
+        from elvis.plugins.data.others import files_of_others
 
         further = [path for paths in files_of_others(self.others).values() for path in paths]
         return inputs((*self.paths, *further), self.plugin, points)
 
     def reading(self, quantities: Sequence[str] = ()) -> Reading:
         """The options, for the complete files, or only for quantities (see `Reading`)."""
-        from elvis.core.moments import Moment
-        from elvis.plugins.data import Reading, pairs
+        from elvis.core.data.moments import Moment
+        from elvis.plugins.data.data import Reading, pairs
 
         moment = Moment(self.step, self.time, self.between)
         options = pairs(self.reader)
@@ -111,8 +111,8 @@ class Data:
 
         Data opened by a runtime plugin are evaluated on a device.
         """
-        from elvis.core.terminal import warn
-        from elvis.plugins.data import open_data
+        from elvis.core.base.terminal import warn
+        from elvis.plugins.data.data import open_data
 
         return self.source_of(open_data(self.paths, self.reading(quantities), warn))
 
@@ -133,10 +133,10 @@ class Data:
         comes_apart  whether they can, for any part of the data, with the same result on all ranks
         series       of the files, if it is already open
         """
-        from elvis.core.dataset import Dataset
+        from elvis.core.base.terminal import warn
+        from elvis.core.data.dataset import Dataset
         from elvis.core.portions import Portion
-        from elvis.core.terminal import warn
-        from elvis.plugins.data import open_part
+        from elvis.plugins.data.data import open_part
 
         if ranks.size == 1:
             return self.source(quantities) if series is None else self.source_of(series.at_moment())
@@ -155,7 +155,7 @@ class Data:
 
     def whole_series(self, quantities: Sequence[str] = ()) -> Series:
         """The steps that the files are, whatever moment is requested; ElvisError for one state."""
-        from elvis.core.errors import ElvisError
+        from elvis.core.base.errors import ElvisError
 
         found = replace(self, step=None, time=None).series(quantities)
         if found is None:
@@ -177,10 +177,10 @@ class Data:
         """
         import numpy as np
 
-        from elvis.core.dataset import Dataset
-        from elvis.core.errors import ElvisError
-        from elvis.core.moments import Moment
-        from elvis.core.terminal import track
+        from elvis.core.base.errors import ElvisError
+        from elvis.core.base.terminal import track
+        from elvis.core.data.dataset import Dataset
+        from elvis.core.data.moments import Moment
 
         series = self.series(quantities, ranks)
         if series is None:
@@ -206,7 +206,7 @@ class Data:
         """Print how steps of a series were interpolated to times (n,), and the remarks of the series."""
         import numpy as np
 
-        from elvis.core.terminal import note
+        from elvis.core.base.terminal import note
         from elvis.plugins.series.between import polynomial_name
 
         if has_rates or not np.isin(times, series.times).all():
@@ -216,9 +216,9 @@ class Data:
 
     def source_of(self, opened: Dataset | PluginData | Portion, ranks: Ranks = ALONE) -> Source:
         """The source for open data, after a note on how they were obtained."""
-        from elvis.core.dataset import Dataset
+        from elvis.core.base.terminal import note, warn
+        from elvis.core.data.dataset import Dataset
         from elvis.core.portions import Portion
-        from elvis.core.terminal import note, warn
 
         if isinstance(opened, Dataset | Portion):
             dataset, part = (opened.dataset, opened) if isinstance(opened, Portion) else (opened, None)
@@ -226,7 +226,7 @@ class Data:
                 note(remark)
             # of a map nobody asks for numbers in the whole, which take as much memory as some fields
             return NativeSource(dataset, False, None if self.is_of_map else part, ranks)
-        from elvis.renderer.evaluation import Evaluation
+        from elvis.renderer.numbers.evaluation import Evaluation
 
         return Evaluation(opened, warn)
 
@@ -301,8 +301,8 @@ class NativeSource:
 
     def expressions(self, texts: Sequence[str] | None) -> list[Expression]:
         """The quantities, or all fields; ElvisError for what names none."""
-        from elvis.core.arguments import expressions
-        from elvis.core.terminal import note
+        from elvis.core.base.terminal import note
+        from elvis.core.data.arguments import expressions
 
         found = list(expressions(self.dataset, texts))
         if not self.is_quiet and self.dataset.rates is not None and any(each.has_rates for each in found):
@@ -313,8 +313,8 @@ class NativeSource:
     def _tell_recovered(self, expressions: Sequence[Expression]) -> None:
         """Print notes on recovered fields, which are not the data."""
         if not self.is_quiet and any(each.has_recovered for each in expressions):
+            from elvis.core.base.terminal import note
             from elvis.core.resolution.recovered_remarks import remarks_on_recovered
-            from elvis.core.terminal import note
 
             for remark in remarks_on_recovered(self.dataset, expressions):
                 note(remark)
@@ -341,8 +341,8 @@ class NativeSource:
         """
         import numpy as np
 
+        from elvis.core.numbers.sampling import by_elements, by_points
         from elvis.core.quantities.evaluator import Sampler
-        from elvis.core.sampling import by_elements, by_points
 
         sampler, names = Sampler(self._surrounded(wanted), wanted), [each.text for each in wanted]
         radii = np.zeros(len(names))
@@ -363,7 +363,7 @@ class NativeSource:
 
     def norms(self, texts: Sequence[str] | None, ranks: Ranks) -> dict[str, Norm]:
         """Norms of coordinates and fields, or of quantities."""
-        from elvis.core.norms import norms, quantity_norms
+        from elvis.core.numbers.norms import norms, quantity_norms
 
         if texts is None:
             return dict(norms(self.dataset, ranks))
@@ -401,16 +401,16 @@ class NativeSource:
 
     def box(self) -> Facts:
         """The ends of the coordinates."""
-        from elvis.core.geometry import geometry
-        from elvis.core.summary import box
+        from elvis.core.mapping.geometry import geometry
+        from elvis.core.summary.summary import box
 
         return box(self.dataset, geometry(self.dataset))
 
     def facts(self, texts: Sequence[str]) -> Facts:
         """All facts, by topic, as plain data; of parts nothing elsewhere than at the first rank."""
         from elvis.core.portions.borrowing import borrowing
-        from elvis.core.summary import summary
-        from elvis.plugins.report import RecordedReport
+        from elvis.core.summary.summary import summary
+        from elvis.plugins.conversion.report import RecordedReport
 
         asked = self.expressions(texts) if texts else []
         part = None if self.portion is None else borrowing(self.portion, [each.text for each in asked], self.ranks)
@@ -429,9 +429,9 @@ class NativeSource:
 
         With parts, the result is None except on the first rank.
         """
-        from elvis.core.critical_points import critical_points, shared_critical_points
+        from elvis.core.critical.points import critical_points, shared_critical_points
+        from elvis.core.critical.wall_points import shared_wall_points, wall_points
         from elvis.core.portions.borrowing import borrowing
-        from elvis.core.wall_points import shared_wall_points, wall_points
 
         dataset, components = self.dataset, velocity or None
         if self.portion is None:
@@ -443,8 +443,8 @@ class NativeSource:
 
     def extrema(self, quantities: Sequence[Expression]) -> list[tuple[Extremum, Extremum]]:
         """The minimum and the maximum value of each quantity; of parts none but at the first rank."""
+        from elvis.core.bounds.quantity_extrema import quantity_extrema, shared_extrema
         from elvis.core.portions.borrowing import borrowing
-        from elvis.core.quantity_extrema import quantity_extrema, shared_extrema
 
         if self.portion is not None:
             part = borrowing(self.portion, [each.text for each in quantities], self.ranks)
@@ -469,8 +469,8 @@ def native_source(source: Source, option: str) -> NativeSource:
 
 def tell_conversion(names: Iterable[str], radii: Sequence[float]) -> None:
     """Print by how much quantities differ from the source's, if a conversion has errors."""
+    from elvis.core.base.terminal import note
     from elvis.core.quantities.conversion_radius import sentence
-    from elvis.core.terminal import note
 
     text = sentence(list(names), radii)
     if text is not None:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from elvis.core.arguments import field_option, json_option, overwrite_option, top_modes_option
-from elvis.core.errors import ElvisError
-from elvis.core.streamlines.line_files import check_suffix, write_lines
+from elvis.core.base.errors import ElvisError
+from elvis.core.data.arguments import field_option, json_option, overwrite_option, top_modes_option
+from elvis.core.streamlines.lines.files import check_suffix, write_lines
 from elvis.renderer.commands.core_lines import check_course, check_seeds, core_options, trace_cores
 from elvis.renderer.commands.sources import Data, Source, data_options, native_source
 from elvis.scene.commandline.options import COURSE, course_options
@@ -17,7 +17,7 @@ from elvis.scene.commandline.options import COURSE, course_options
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from elvis.core.arrays import Floats
+    from elvis.core.base.arrays import Floats
     from elvis.core.streamlines import TracedLines
     from elvis.renderer.commands.lines_below import LinesBelow
     from elvis.scene import Streamlines
@@ -107,11 +107,11 @@ def trace(
     of all lines with time, length, element, velocity and the quantities of --field.
     --cores needs no seeds: it finds and traces the cores of all vortices in 3D data.
     """
-    from elvis.core.arguments import texts_of
+    from elvis.core.base.terminal import stage
+    from elvis.core.data.arguments import texts_of
     from elvis.core.files.output import check_places
     from elvis.core.resolution.truncation import orders_below
     from elvis.core.streamlines.clipped_lines import clipped_lines
-    from elvis.core.terminal import stage
     from elvis.renderer.commands.lines_below import LinesBelow
     from elvis.renderer.passes.streams.following import following
     from elvis.scene import Streamlines
@@ -176,8 +176,8 @@ def _in_time(
     ftle: bool,
 ) -> TracedLines:
     """Paths or streaks in a series; ElvisError for settings that these have not."""
-    from elvis.core.moments import checked_step
-    from elvis.core.terminal import note, stage
+    from elvis.core.base.terminal import note, stage
+    from elvis.core.data.moments import checked_step
     from elvis.plugins.series.paths import ORDERS, pathlines, streaklines
 
     if followed.wall is not None:
@@ -208,7 +208,7 @@ def _in_time(
 
 def _report(found: TracedLines, output: Path | None, as_json: bool, less: LinesBelow | None = None) -> None:
     """Write lines and print how they end; with ``less`` also how those of truncated fields differ."""
-    from elvis.core.terminal import print_json, print_table
+    from elvis.core.base.terminal import print_json, print_table
 
     _warn_of_seeds(found)
     if output is not None:
@@ -252,7 +252,7 @@ def _warn_of_seeds(found: TracedLines) -> None:
     """Say how many seeds lie in no element; ElvisError where all do."""
     import numpy as np
 
-    from elvis.core.terminal import warn
+    from elvis.core.base.terminal import warn
 
     outside = found.seed[found.end == found.ends.index("outside")]
     count, total = len(np.unique(outside)), len(np.unique(found.seed))

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from elvis.core.arguments import cache_option, overwrite_option
+from elvis.core.data.arguments import cache_option, overwrite_option
 from elvis.scene.commandline.command import SceneCommand, setting_option
 
 if TYPE_CHECKING:
-    from elvis.core.dataset import Dataset
+    from elvis.core.data.dataset import Dataset
     from elvis.scene import Scene
 
 EPILOG = """\b
@@ -59,11 +59,11 @@ def watch(
     """
     from time import monotonic, sleep
 
-    from elvis.core.errors import ElvisError
-    from elvis.core.terminal import note
+    from elvis.core.base.errors import ElvisError
+    from elvis.core.base.terminal import note
     from elvis.plugins.series.following import SOON, Following
-    from elvis.renderer.rendering import Pictures
-    from elvis.renderer.request import reading_for
+    from elvis.renderer.asking.request import reading_for
+    from elvis.renderer.frame.rendering import Pictures
     from elvis.scene.commandline.composing import composed, outputs_of_file
 
     scene = composed(data, options, settings, unused=("stats", "panels", "scenes"))
@@ -98,8 +98,8 @@ def watch(
 def _check(scene: Scene, overwrite: bool) -> None:
     """ElvisError for invalid data or outputs, before waiting starts."""
     from elvis.core.files.output import check_places
-    from elvis.scene.errors import SceneError
-    from elvis.scene.step_outputs import first_outputs
+    from elvis.scene.figure.step_outputs import first_outputs
+    from elvis.scene.model.errors import SceneError
 
     if not scene.data:
         raise SceneError("the scene names no data: give the folder of a run, or its mesh and field files")
@@ -113,7 +113,7 @@ def _check(scene: Scene, overwrite: bool) -> None:
 
 def _shown(pictures: Any, found: Dataset, scene: Scene) -> Any:
     """Pictures of a dataset, by the device that is open already."""
-    from elvis.renderer.rendering import Pictures
+    from elvis.renderer.frame.rendering import Pictures
 
     if pictures is None:
         return Pictures(found, scene.device)
@@ -128,10 +128,10 @@ def _draw(pictures: Any, scene: Scene, found: Dataset, number: int, is_from_file
     """
     from math import nan
 
-    from elvis.core.errors import ElvisError
-    from elvis.core.terminal import say
-    from elvis.scene.errors import AbsentError, SceneError
-    from elvis.scene.step_outputs import save_step
+    from elvis.core.base.errors import ElvisError
+    from elvis.core.base.terminal import say
+    from elvis.scene.figure.step_outputs import save_step
+    from elvis.scene.model.errors import AbsentError, SceneError
 
     try:
         frame = pictures.draw(scene)

@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 from elvis.renderer.commands.sources import NativeSource, Source, native_source
 from elvis.scene.commandline.command import text_type
-from elvis.scene.copies import Copies
-from elvis.scene.settings import settings
+from elvis.scene.model.copies import Copies
+from elvis.scene.model.settings import settings
 
 if TYPE_CHECKING:
-    from elvis.core.arrays import Floats
+    from elvis.core.base.arrays import Floats
+    from elvis.core.deformed.isometries import Isometry
     from elvis.core.files.columns import Columns
-    from elvis.core.isometries import Isometry
     from elvis.core.quantities import Expression
 
 HELP = "Count the copies by --mirror, --turn and --repeat: values with the signs that they have there."
@@ -54,7 +54,7 @@ def isometries_of(source: Source, copies: Copies) -> tuple[NativeSource, tuple[I
 
     Raises ElvisError for copies that overlap, mirrors that cut the domain, and data of a runtime plugin.
     """
-    from elvis.renderer.copy_checks import check_copies, periods_of
+    from elvis.renderer.frame.copy_checks import check_copies, periods_of
 
     native = native_source(source, "--with-copies")
     whole = copies.with_periods(periods_of(native.dataset))

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from elvis.core.arguments import FIELDS_DECLARATION, TextType
+from elvis.core.data.arguments import FIELDS_DECLARATION, TextType
 
 #: whether the help lists all options, in the meta data of a context
 ALL_OPTIONS = "elvis.all_options"

@@ -7,11 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from elvis.scene.errors import SceneError
+from elvis.scene.model.errors import SceneError
 
 if TYPE_CHECKING:
     from elvis.scene import Scene, SceneObject
-    from elvis.scene.frame import Frame
+    from elvis.scene.record.frame import Frame
 
 #: settings of a style that apply only to surfaces
 LINES = ("contours", "mesh_lines", "lic")
@@ -35,7 +35,7 @@ def composed(
     """
     from elvis.scene import CutSurface, Plane, Scene
     from elvis.scene.commandline.options import OBJECTS, STYLES
-    from elvis.scene.files import is_scene_file, read_scene
+    from elvis.scene.model.files import is_scene_file, read_scene
 
     scene_files = [file for file in files if is_scene_file(file)]
     if len(scene_files) > 1:
@@ -61,8 +61,8 @@ def outputs_of_file(
     scene: Scene, files: tuple[Path, ...], options: dict[str, Any], settings: tuple[tuple[str, str], ...]
 ) -> tuple[str, ...]:
     """The outputs of a composed scene that its scene file names; none that the command line names."""
-    from elvis.scene.files import is_scene_file
-    from elvis.scene.tables import steps_of
+    from elvis.scene.model.files import is_scene_file
+    from elvis.scene.model.tables import steps_of
 
     if not any(map(is_scene_file, files)):
         return ()
@@ -75,8 +75,8 @@ def outputs_of_file(
 
 def panels(scene: Scene) -> tuple[Scene, ...]:
     """The scenes of a figure's panels, with what the scene that lists them says for all; itself where it lists none."""
-    from elvis.scene.files import read_scene
-    from elvis.scene.settings import given_values
+    from elvis.scene.model.files import read_scene
+    from elvis.scene.model.settings import given_values
 
     given = {key: value for key, value in given_values(scene).items() if key not in ("scenes", "title")}
     listed = tuple(replace(read_scene(file, OVERRIDDEN), **given) for file in scene.scenes)
@@ -99,7 +99,7 @@ def in_one_range(frames: Sequence[Frame]) -> tuple[float, float] | None:
 def _with_deform(scene: Scene, given: dict[str, Any]) -> Scene:
     """The scene with the deformation of the options, which are removed from ``given``."""
     from elvis.scene.commandline.options import DEFORM
-    from elvis.scene.whole import Deform
+    from elvis.scene.model.whole import Deform
 
     own = given.pop("deform", scene.deform)
     parts = {name: given.pop(f"deform_{name}") for name in DEFORM if f"deform_{name}" in given}
@@ -113,7 +113,7 @@ def _with_deform(scene: Scene, given: dict[str, Any]) -> Scene:
 def _with_copies(scene: Scene, given: dict[str, Any]) -> Scene:
     """The scene with the copies of the options, which are removed from ``given``."""
     from elvis.scene.commandline.options import COPIES
-    from elvis.scene.copies import Copies
+    from elvis.scene.model.copies import Copies
 
     own = given.pop("copies", scene.copies)
     parts = {name: given.pop(f"copies_{name}") for name in COPIES if f"copies_{name}" in given}
@@ -143,8 +143,8 @@ def with_settings(scene: Scene, settings: tuple[tuple[str, str], ...], option: s
 
     option  by which they are given, for errors
     """
-    from elvis.scene.files import toml_value
-    from elvis.scene.tables import scene_of, steps_of, table_of
+    from elvis.scene.model.files import toml_value
+    from elvis.scene.model.tables import scene_of, steps_of, table_of
 
     if not settings:
         return scene

@@ -9,13 +9,13 @@ from typing import Any, get_args
 
 import click
 
-from elvis.core.arguments import with_fields
+from elvis.core.data.arguments import with_fields
 from elvis.scene.commandline.command import FIGURE, text_type
-from elvis.scene.copies import Copies
-from elvis.scene.objects import SceneObject, Streamlines
-from elvis.scene.settings import Setting, choices, settings, text_of, types
-from elvis.scene.style import Style
-from elvis.scene.whole import Deform, Scene
+from elvis.scene.model.copies import Copies
+from elvis.scene.model.objects import SceneObject, Streamlines
+from elvis.scene.model.settings import Setting, choices, settings, text_of, types
+from elvis.scene.model.style import Style
+from elvis.scene.model.whole import Deform, Scene
 
 #: keys of a scene whose options stand before all others in the help
 FIRST = ("field", "plugin", "reader", "others", "plane", "objects")

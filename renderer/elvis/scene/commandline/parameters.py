@@ -10,13 +10,13 @@ import click
 from PIL import ImageColor
 
 from elvis import scene
-from elvis.core.arguments import numbers, triples
-from elvis.core.axis_planes import middle_axis, point_and_normal, with_normals
-from elvis.core.hints import perhaps
+from elvis.core.base.hints import perhaps
+from elvis.core.data.arguments import numbers, triples
+from elvis.core.data.axis_planes import middle_axis, point_and_normal, with_normals
 from elvis.scene.commandline.other_programs import VIEWS
-from elvis.scene.settings import check, choices, settings, types
-from elvis.scene.style import check_range
-from elvis.scene.surfaces import Middle
+from elvis.scene.model.settings import check, choices, settings, types
+from elvis.scene.model.style import check_range
+from elvis.scene.model.surfaces import Middle
 
 SURFACES: dict[str, Any] = {each.kind: each for each in get_args(scene.Surface)}
 

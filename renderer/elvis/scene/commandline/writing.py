@@ -14,18 +14,18 @@ from typing import Any
 
 import click
 
-from elvis.core.errors import ElvisError
+from elvis.core.base.errors import ElvisError
 from elvis.scene.commandline.command import SceneCommand, text_type
 from elvis.scene.commandline.composing import composed
 from elvis.scene.commandline.options import OBJECTS, STYLES
-from elvis.scene.copies import Copies
-from elvis.scene.errors import SceneError
-from elvis.scene.files import toml_text
-from elvis.scene.objects import VolumeRendering
-from elvis.scene.settings import Setting, default_of, given_values, settings
-from elvis.scene.style import Style
-from elvis.scene.tables import Table, table_of
-from elvis.scene.whole import Scene
+from elvis.scene.model.copies import Copies
+from elvis.scene.model.errors import SceneError
+from elvis.scene.model.files import toml_text
+from elvis.scene.model.objects import VolumeRendering
+from elvis.scene.model.settings import Setting, default_of, given_values, settings
+from elvis.scene.model.style import Style
+from elvis.scene.model.tables import Table, table_of
+from elvis.scene.model.whole import Scene
 
 #: keys of a scene without an option of their own: data and outputs
 APART = ("data", "objects", "plane", "outputs", "stats")

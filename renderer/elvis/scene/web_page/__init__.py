@@ -23,14 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from elvis.core.terminal import visible
-from elvis.core.version import __version__
-from elvis.scene.errors import SceneError
-from elvis.scene.files import scene_text
-from elvis.scene.frame import Frame
-from elvis.scene.ownership import HTML_GENERATOR
-from elvis.scene.page import Layout
-from elvis.scene.tables import with_files
+from elvis.core.base.terminal import visible
+from elvis.core.base.version import __version__
+from elvis.scene.figure.page import Layout
+from elvis.scene.model.errors import SceneError
+from elvis.scene.model.files import scene_text
+from elvis.scene.model.ownership import HTML_GENERATOR
+from elvis.scene.model.tables import with_files
+from elvis.scene.record.frame import Frame
 
 #: pixels of all pictures of a file: browsers take texts of about half a GiB
 MAX_PIXELS = 1 << 24

@@ -14,7 +14,7 @@ from audit.validating import counted_as
 from audit.worlds import world
 from elvis import Camera, Contours, CutSurface, Plane, Style
 from elvis.core.shapes import Shape
-from elvis.scene.frame import Status
+from elvis.scene.record.frame import Status
 
 #: how far coverages may be from the truth: the middle of a line is displaced by no more, in pixels
 CLOSE = 0.02

@@ -10,12 +10,12 @@ import numpy as np
 
 from audit.cases import Case
 from audit.validating import counted_as
-from elvis.core.dataset import Dataset
+from elvis.core.data.dataset import Dataset
 from elvis.core.differences.difference import diff
-from elvis.core.sampling import sample
+from elvis.core.numbers.sampling import sample
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple
-from elvis.scene.frame import Status
+from elvis.scene.record.frame import Status
 
 #: by how much a sample may be greater than what is stated, in parts of it
 CLOSE = 1e-6

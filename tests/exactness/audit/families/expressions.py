@@ -15,8 +15,8 @@ from audit.truths import EPS, POSITION, Truth
 from audit.validating import Count, validate
 from audit.worlds import BORDER, PLACEMENTS, World
 from elvis import Isosurface
+from elvis.core.bounds.bounding import quantity_range
 from elvis.core.quantities import Expression as Parsed
-from elvis.core.quantities.bounding import quantity_range
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
 

@@ -16,7 +16,7 @@ from audit.worlds import BORDER, world
 from elvis import Faces
 from elvis.core.mapping.orientation import local_vertices
 from elvis.core.validity.validity import ValidityStatus, validity
-from elvis.scene.frame import Status
+from elvis.scene.record.frame import Status
 
 FORMS = {"x": X, "x + y": X + Y, "x - z": X - Z}
 

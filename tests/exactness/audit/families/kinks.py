@@ -8,7 +8,7 @@ import numpy as np
 from audit.cases import Case
 from audit.validating import counted_as
 from elvis import Camera, Transfer, VolumeRendering
-from elvis.core.dataset import Dataset
+from elvis.core.data.dataset import Dataset
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, grid
 

@@ -16,7 +16,7 @@ from audit.validating import counted_as
 from audit.worlds import world
 from elvis.core.streamlines.endings import End
 from elvis.core.streamlines.streamlines import trace
-from elvis.scene.frame import Status
+from elvis.scene.record.frame import Status
 
 #: error of points in parts of the box, for each e-fold by which neighbouring lines part
 PROMISED = 1e-10

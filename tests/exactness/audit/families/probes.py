@@ -8,8 +8,8 @@ from audit.cases import Case, exact, random_polynomial, tolerance
 from audit.validating import counted_as
 from audit.worlds import BORDER, margins, world
 from elvis.core.mapping.inverse import Status as InverseStatus
-from elvis.core.sampling import sample
-from elvis.scene.frame import Status
+from elvis.core.numbers.sampling import sample
+from elvis.scene.record.frame import Status
 
 #: exponents of two of the distances from borders; 0 is on them
 BESIDE = (0, 0, -48, -40, -30, -20, -10)

@@ -19,7 +19,7 @@ from elvis import Faces, Isosurface, Plane
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
 from elvis.plugins.nurbs import Nurbs
-from elvis.plugins.opening import PluginData
+from elvis.plugins.runtime.opening import PluginData
 
 
 class Radius:

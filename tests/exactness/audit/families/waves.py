@@ -12,9 +12,9 @@ from audit.truths import Rays, Truth
 from audit.validating import validate
 from audit.worlds import BORDER, world
 from elvis import Plane
-from elvis.core.arrays import frozen_floats
-from elvis.core.dataset import Block, Dataset, Field, Homogeneous
-from elvis.core.geometry import geometry
+from elvis.core.base.arrays import frozen_floats
+from elvis.core.data.dataset import Block, Dataset, Field, Homogeneous
+from elvis.core.mapping.geometry import geometry
 from elvis.core.polynomials.bases import Basis
 from elvis.core.shapes import Shape
 

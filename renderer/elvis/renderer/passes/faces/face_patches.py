@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints
 from elvis.core.mapping.orientation import chunks
 from elvis.plugins.faces.nets import FaceSpace
-from elvis.renderer.ball_bounds import is_in_picture
-from elvis.renderer.drafts import is_draft
-from elvis.scene.time_limit import check_time
-from elvis.scene.view import View
+from elvis.renderer.device.drafts import is_draft
+from elvis.renderer.raster.ball_bounds import is_in_picture
+from elvis.scene.cameras.view import View
+from elvis.scene.model.time_limit import check_time
 
 #: largest relative change b of a tame map's Jacobian J: from any point to any other J^-1 J' - 1 is 2 b / (1 - b) = 2/3
 TAME = 0.25

@@ -10,24 +10,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Floats, Ints, Records
+from elvis.core.base.arrays import Bools, Floats, Ints, Records
 from elvis.core.mapping.margins import TOLERANCE
 from elvis.core.mapping.orientation import chunks
 from elvis.core.shapes import Shape
 from elvis.plugins.faces import FaceBlock, Faces
-from elvis.renderer.ball_bounds import is_in_picture
-from elvis.renderer.camera import record_of
-from elvis.renderer.device import Given, Kernel
-from elvis.renderer.device_volume import DeviceVolume
-from elvis.renderer.drafts import is_draft
-from elvis.renderer.hit_buffer import HitBuffer, arrays_to_write, new_arrays
-from elvis.renderer.memory import Buffer
+from elvis.renderer.device.device import Given, Kernel
+from elvis.renderer.device.drafts import is_draft
+from elvis.renderer.device.memory import Buffer
 from elvis.renderer.passes.faces.face_patches import Edges, FacePatches, face_patches
 from elvis.renderer.passes.faces.sides import Sides
-from elvis.renderer.tiles import TILE, bin_sections
-from elvis.scene.conditioning import misplaced
-from elvis.scene.frame import Status
-from elvis.scene.view import View
+from elvis.renderer.raster.ball_bounds import is_in_picture
+from elvis.renderer.raster.camera import record_of
+from elvis.renderer.raster.hit_buffer import HitBuffer, arrays_to_write, new_arrays
+from elvis.renderer.raster.tiles import TILE, bin_sections
+from elvis.renderer.volume.device_volume import DeviceVolume
+from elvis.scene.cameras.view import View
+from elvis.scene.record.conditioning import misplaced
+from elvis.scene.record.frame import Status
 
 #: part of the scene's size within which two hits are at one place
 _TIE = 1e-11

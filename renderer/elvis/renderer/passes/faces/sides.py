@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.core.bounded_cache import bounded_cache
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.bounded_cache import bounded_cache
 from elvis.core.polynomials.bernstein import bernstein_values
 from elvis.plugins.faces.nets import FaceSpace, symmetries
 from elvis.renderer.passes.faces.face_patches import FacePatches

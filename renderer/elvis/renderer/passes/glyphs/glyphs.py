@@ -7,14 +7,14 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
-from elvis.renderer.ball_bounds import bounds_of_balls, is_in_picture, pixels_within
-from elvis.renderer.device_volume import DeviceVolume
-from elvis.renderer.hit_buffer import HitBuffer
-from elvis.renderer.memory import Buffer
-from elvis.renderer.tiled_hits import hits_in_tiles, listed_in_tiles
-from elvis.scene.frusta import Frusta
-from elvis.scene.view import View
+from elvis.core.base.arrays import Floats, Ints
+from elvis.renderer.device.memory import Buffer
+from elvis.renderer.passes.pieces.tiled_hits import hits_in_tiles, listed_in_tiles
+from elvis.renderer.raster.ball_bounds import bounds_of_balls, is_in_picture, pixels_within
+from elvis.renderer.raster.hit_buffer import HitBuffer
+from elvis.renderer.volume.device_volume import DeviceVolume
+from elvis.scene.cameras.view import View
+from elvis.scene.flow.frusta import Frusta
 
 #: part of the largest coordinate by which solids count as nearer than they are, so that rounding hides none
 _NEARER = 1e-12

@@ -7,18 +7,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from elvis.core.arrays import Floats
-from elvis.renderer.device_volume import DeviceVolume
-from elvis.renderer.hit_buffer import HitBuffer
+from elvis.core.base.arrays import Floats
 from elvis.renderer.passes.solids.hits import Hits
 from elvis.renderer.passes.solids.solids import SolidDrawer
-from elvis.renderer.pixels import NOBODY
-from elvis.renderer.traversal import Traversal
-from elvis.scene.view import View
+from elvis.renderer.raster.hit_buffer import HitBuffer
+from elvis.renderer.raster.pixels import NOBODY
+from elvis.renderer.volume.device_volume import DeviceVolume
+from elvis.renderer.volume.traversal import Traversal
+from elvis.scene.cameras.view import View
 
 if TYPE_CHECKING:
-    from elvis.renderer.device import Kernel
-    from elvis.renderer.memory import Buffer
+    from elvis.renderer.device.device import Kernel
+    from elvis.renderer.device.memory import Buffer
 
 
 class DistanceDrawer:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from elvis.core.arrays import Floats, frozen_floats
-from elvis.core.bounded_cache import bounded_cache
+from elvis.core.base.arrays import Floats, frozen_floats
+from elvis.core.base.bounded_cache import bounded_cache
 
 #: long half axes of the ellipses that are tried, as in iso_enclose.slang: the first is the real box
 AXES = (1.0, 1.6, 2.2, 3.2, 5.0, 8.0, 13.0)

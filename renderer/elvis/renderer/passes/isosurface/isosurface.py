@@ -10,28 +10,28 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, Records
+from elvis.core.base.arrays import Bools, Floats, Ints, Records
 from elvis.core.chebyshev_models.series_boxes import SeriesBoxes
 from elvis.core.mapping.boxes import Boxes
 from elvis.core.polynomials.chebyshev_nodes import series
-from elvis.plugins.volume import Enclosure, Part, Quantity
-from elvis.renderer.camera import record_of
-from elvis.renderer.device import Kernel, stand_in
-from elvis.renderer.device_volume import DeviceVolume
-from elvis.renderer.hit_buffer import HitBuffer, arrays_to_write, new_arrays
-from elvis.renderer.leaf_types import enclosure_of
-from elvis.renderer.memory import Buffer
+from elvis.plugins.runtime.volume import Enclosure, Part, Quantity
+from elvis.renderer.device.device import Kernel, stand_in
+from elvis.renderer.device.leaf_types import enclosure_of
+from elvis.renderer.device.memory import Buffer
 from elvis.renderer.passes.isosurface.enclosing import AXES, BOXES, powers, tails
 from elvis.renderer.passes.isosurface.occlusion import Occlusion
 from elvis.renderer.passes.isosurface.straight_levels import StraightLevels
 from elvis.renderer.passes.solids.solids import values_at_hits
-from elvis.renderer.pixels import NOBODY
-from elvis.renderer.tiles import Sections, bin_sections, places_of
-from elvis.renderer.traversal import APART, Traversal, visible_sections
-from elvis.scene.conditioning import misplaced
-from elvis.scene.errors import SceneError
-from elvis.scene.frame import Status
-from elvis.scene.view import View
+from elvis.renderer.raster.camera import record_of
+from elvis.renderer.raster.hit_buffer import HitBuffer, arrays_to_write, new_arrays
+from elvis.renderer.raster.pixels import NOBODY
+from elvis.renderer.raster.tiles import Sections, bin_sections, places_of
+from elvis.renderer.volume.device_volume import DeviceVolume
+from elvis.renderer.volume.traversal import APART, Traversal, visible_sections
+from elvis.scene.cameras.view import View
+from elvis.scene.model.errors import SceneError
+from elvis.scene.record.conditioning import misplaced
+from elvis.scene.record.frame import Status
 
 #: what becomes of a sub-element, as in iso.slang
 SPLIT, UNDEFINED = 0, 4

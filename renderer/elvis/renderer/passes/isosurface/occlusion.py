@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
-from elvis.renderer.pixels import NOBODY
-from elvis.scene.view import View
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.renderer.raster.pixels import NOBODY
+from elvis.scene.cameras.view import View
 
 #: pixels of a side of the smallest squares
 SQUARE = 4

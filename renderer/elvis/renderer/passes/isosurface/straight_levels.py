@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats
-from elvis.renderer.device_volume import DeviceVolume
-from elvis.renderer.memory import Buffer
-from elvis.renderer.traversal import Traversal
+from elvis.core.base.arrays import Bools, Floats
+from elvis.renderer.device.memory import Buffer
+from elvis.renderer.volume.device_volume import DeviceVolume
+from elvis.renderer.volume.traversal import Traversal
 
 #: levels of parts that are retained
 _MOST = 16

@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools
-from elvis.renderer.camera import record_of
-from elvis.renderer.device_volume import DeviceVolume
-from elvis.renderer.hit_buffer import HitBuffer
-from elvis.renderer.memory import Buffer
+from elvis.core.base.arrays import Bools
+from elvis.renderer.device.memory import Buffer
 from elvis.renderer.passes.solids.solids import held_at_hits
-from elvis.renderer.pixels import NOBODY
+from elvis.renderer.raster.camera import record_of
+from elvis.renderer.raster.hit_buffer import HitBuffer
+from elvis.renderer.raster.pixels import NOBODY
+from elvis.renderer.volume.device_volume import DeviceVolume
 from elvis.scene import Lic
-from elvis.scene.streaks import cells, middle, noise, scale_of, spread, weights
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
+from elvis.scene.flow.streaks import cells, middle, noise, scale_of, spread, weights
 
 #: what of a hit buffer holds the tones
 TONES = "tones"

@@ -14,19 +14,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Floats, Ints, Records
-from elvis.renderer.camera import record_of
-from elvis.renderer.device import ROWS, Device
-from elvis.renderer.device_volume import DeviceVolume
-from elvis.renderer.drafts import is_draft
-from elvis.renderer.gaps import beside, pairs, within
-from elvis.renderer.hit_buffer import HitBuffer
-from elvis.renderer.memory import Buffer
-from elvis.renderer.pixels import NOBODY
-from elvis.renderer.tiles import order_of
-from elvis.scene.errors import SceneError
-from elvis.scene.line_coverage import line_coverage
-from elvis.scene.view import View
+from elvis.core.base.arrays import Bools, Floats, Ints, Records
+from elvis.renderer.device.device import ROWS, Device
+from elvis.renderer.device.drafts import is_draft
+from elvis.renderer.device.memory import Buffer
+from elvis.renderer.raster.camera import record_of
+from elvis.renderer.raster.gaps import beside, pairs, within
+from elvis.renderer.raster.hit_buffer import HitBuffer
+from elvis.renderer.raster.pixels import NOBODY
+from elvis.renderer.raster.tiles import order_of
+from elvis.renderer.volume.device_volume import DeviceVolume
+from elvis.scene.cameras.view import View
+from elvis.scene.model.errors import SceneError
+from elvis.scene.record.line_coverage import line_coverage
 
 #: most contour values, and largest width in pixels, that a mark holds
 MOST, WIDEST = 1024, 100.0

@@ -10,21 +10,21 @@ from time import perf_counter
 
 import numpy as np
 
-from elvis.core.arrays import Records
-from elvis.plugins.volume import Part
-from elvis.renderer.camera import record_of
-from elvis.renderer.device import Device, Given, Kernel, guess_nodes
-from elvis.renderer.device_volume import DeviceVolume
-from elvis.renderer.drafts import is_draft
-from elvis.renderer.gaps import Gaps, beside, unknown
-from elvis.renderer.hit_buffer import HitBuffer, arrays_to_write, new_arrays
-from elvis.renderer.memory import Buffer
-from elvis.renderer.pixels import NOBODY, UNKNOWN, Pixels, resolve
-from elvis.renderer.proof import prove
-from elvis.renderer.tiles import tiles_by_section
-from elvis.scene.conditioning import doubt, slanted
-from elvis.scene.frame import Status
-from elvis.scene.view import PlaneView
+from elvis.core.base.arrays import Records
+from elvis.plugins.runtime.volume import Part
+from elvis.renderer.device.device import Device, Given, Kernel, guess_nodes
+from elvis.renderer.device.drafts import is_draft
+from elvis.renderer.device.memory import Buffer
+from elvis.renderer.raster.camera import record_of
+from elvis.renderer.raster.gaps import Gaps, beside, unknown
+from elvis.renderer.raster.hit_buffer import HitBuffer, arrays_to_write, new_arrays
+from elvis.renderer.raster.pixels import NOBODY, UNKNOWN, Pixels, resolve
+from elvis.renderer.raster.proof import prove
+from elvis.renderer.raster.tiles import tiles_by_section
+from elvis.renderer.volume.device_volume import DeviceVolume
+from elvis.scene.cameras.view import PlaneView
+from elvis.scene.record.conditioning import doubt, slanted
+from elvis.scene.record.frame import Status
 
 
 @dataclass

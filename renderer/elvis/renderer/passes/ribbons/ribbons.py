@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from elvis.core.arrays import Records
-from elvis.core.streamlines.line_pieces import Pieces
+from elvis.core.base.arrays import Records
+from elvis.core.streamlines.lines.pieces import Pieces
 from elvis.core.streamlines.ribbons import Ribbons
-from elvis.renderer.piece_drawer import PieceDrawer, flattened, greatest_bend
-from elvis.renderer.pieces_in_view import PiecesInView, part_of
+from elvis.renderer.passes.pieces.in_view import PiecesInView, part_of
+from elvis.renderer.passes.pieces.piece_drawer import PieceDrawer, flattened, greatest_bend
 
 
 class RibbonDrawer(PieceDrawer[Ribbons]):

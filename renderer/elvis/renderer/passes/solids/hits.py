@@ -8,14 +8,14 @@ from functools import cache
 
 import numpy as np
 
-from elvis.core.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.errors import FormatError
+from elvis.core.base.needing import require_module
 from elvis.core.distances.sides import is_closed
 from elvis.core.distances.triangle_files import corners_of, triangles_of
-from elvis.core.errors import FormatError
-from elvis.core.needing import require_module
 from elvis.scene import Cone, Cylinder, Plane, Sphere, TriangleMesh, unit
-from elvis.scene.surfaces import Solid
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
+from elvis.scene.model.surfaces import Solid
 
 #: number of pairs of a triangle and a pixel that are processed together
 _AT_ONCE = 1 << 20

@@ -7,17 +7,17 @@ from functools import partial
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints
-from elvis.renderer.device_volume import DeviceVolume
-from elvis.renderer.hit_buffer import HitBuffer
-from elvis.renderer.memory import Buffer
+from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.renderer.device.memory import Buffer
 from elvis.renderer.passes.solids.hits import Hits, hits
-from elvis.renderer.pixels import NOBODY
-from elvis.renderer.probing import Finder, Places
-from elvis.scene.conditioning import MOST, doubt, uncertainties
-from elvis.scene.frame import Status
-from elvis.scene.surfaces import Solid
-from elvis.scene.view import View
+from elvis.renderer.raster.hit_buffer import HitBuffer
+from elvis.renderer.raster.pixels import NOBODY
+from elvis.renderer.volume.device_volume import DeviceVolume
+from elvis.renderer.volume.probing import Finder, Places
+from elvis.scene.cameras.view import View
+from elvis.scene.model.surfaces import Solid
+from elvis.scene.record.conditioning import MOST, doubt, uncertainties
+from elvis.scene.record.frame import Status
 
 #: part of the largest coordinate by which places may be outside of the box of the volume and yet matter
 CLOSE = 1e-9

@@ -15,22 +15,22 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, Records
+from elvis.core.base.arrays import Bools, Floats, Ints, Records
 from elvis.core.mapping.locate import Locator
 from elvis.core.polynomials.expansion import mode_count
 from elvis.core.streamlines import dop853, entries, tracer
 from elvis.core.streamlines.endings import End
-from elvis.core.streamlines.line_steps import Limits, Piece
+from elvis.core.streamlines.lines.steps import Limits, Piece
 from elvis.core.streamlines.neighbours import Neighbours
 from elvis.core.streamlines.tracer import Tracer
 from elvis.core.streamlines.velocity import Velocity
 from elvis.plugins.native import NativeVolume
 from elvis.plugins.native.buffers import stacks
-from elvis.plugins.volume import Part
-from elvis.renderer.device import Device
-from elvis.renderer.device_errors import DeviceError
-from elvis.renderer.memory import Buffer
-from elvis.renderer.pixels import NOBODY
+from elvis.plugins.runtime.volume import Part
+from elvis.renderer.device.device import Device
+from elvis.renderer.device.errors import DeviceError
+from elvis.renderer.device.memory import Buffer
+from elvis.renderer.raster.pixels import NOBODY
 
 #: lines below which the host is sooner done than a device is opened and its kernel compiled
 FEW = 128

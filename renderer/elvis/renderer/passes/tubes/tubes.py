@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.arrays import Ints, Records
-from elvis.core.streamlines.line_pieces import Pieces
-from elvis.renderer.device import Kernel
-from elvis.renderer.piece_drawer import PieceDrawer
-from elvis.renderer.pieces_in_view import PiecesInView
+from elvis.core.base.arrays import Ints, Records
+from elvis.core.streamlines.lines.pieces import Pieces
+from elvis.renderer.device.device import Kernel
+from elvis.renderer.passes.pieces.in_view import PiecesInView
+from elvis.renderer.passes.pieces.piece_drawer import PieceDrawer
 
 #: number of listed curves that have a ball together (tube_draw.slang)
 GROUP_SIZE = 16

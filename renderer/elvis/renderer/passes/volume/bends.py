@@ -7,17 +7,17 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from elvis.core.arrays import Floats, frozen_floats
-from elvis.core.bounded_cache import bounded_cache
+from elvis.core.base.arrays import Floats, frozen_floats
+from elvis.core.base.bounded_cache import bounded_cache
 from elvis.core.chebyshev_models.series import coefficients_of
 from elvis.core.polynomials.chebyshev_nodes import series
 from elvis.core.shapes import Shape
-from elvis.plugins.volume import Enclosure
-from elvis.renderer.device_volume import DeviceVolume
-from elvis.renderer.leaf_types import along_rays
-from elvis.renderer.memory import Buffer
+from elvis.plugins.runtime.volume import Enclosure
+from elvis.renderer.device.leaf_types import along_rays
+from elvis.renderer.device.memory import Buffer
 from elvis.renderer.passes.volume.simplex_bends import RADII, nodes, tetrahedron_bends
-from elvis.renderer.traversal import MORE
+from elvis.renderer.volume.device_volume import DeviceVolume
+from elvis.renderer.volume.traversal import MORE
 
 #: long half axes of ellipses in elements' cubes that bends are known on, as many as in volume_enclose.slang; around
 #: tetrahedra there are distances in their place

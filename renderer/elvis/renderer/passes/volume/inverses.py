@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats, Ints, Records
+from elvis.core.base.arrays import Bools, Floats, Ints, Records
 from elvis.core.chebyshev_models.inverse_maps import (
     InverseMaps,
     around,
@@ -26,13 +26,13 @@ from elvis.core.chebyshev_models.inverse_maps import (
 from elvis.core.chebyshev_models.model_boxes import ShapeFacets
 from elvis.core.chebyshev_models.series import slopes_of
 from elvis.core.mapping.margins import facets
-from elvis.renderer.device import Kernel
-from elvis.renderer.device_volume import DeviceVolume
-from elvis.renderer.leaf_types import along_rays
-from elvis.renderer.memory import Buffer
+from elvis.renderer.device.device import Kernel
+from elvis.renderer.device.leaf_types import along_rays
+from elvis.renderer.device.memory import Buffer
 from elvis.renderer.passes.faces.faces import pixel_bounds
 from elvis.renderer.passes.volume.bends import Bends
-from elvis.scene.view import View
+from elvis.renderer.volume.device_volume import DeviceVolume
+from elvis.scene.cameras.view import View
 
 #: how often boxes of elements are halved, at most
 _MOST_HALVINGS = 2

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.arrays import Bools, Floats
-from elvis.renderer.copied import Copy
-from elvis.renderer.device import STAND_IN
+from elvis.core.base.arrays import Bools, Floats
+from elvis.renderer.device.device import STAND_IN
+from elvis.renderer.frame.copied import Copy
 from elvis.renderer.passes.volume.steepness import steepest
-from elvis.renderer.traversal import Traversal
+from elvis.renderer.volume.traversal import Traversal
 from elvis.scene import Transfer
 
 #: degree of quantities from which on polynomials along rays in curved elements have a higher one

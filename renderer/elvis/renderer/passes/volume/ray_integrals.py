@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Ints
-from elvis.scene.frame import Status
+from elvis.core.base.arrays import Ints
+from elvis.scene.record.frame import Status
 
 
 class RayIntegrals:

@@ -14,7 +14,7 @@ from math import factorial
 
 import numpy as np
 
-from elvis.core.arrays import Floats
+from elvis.core.base.arrays import Floats
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values, differentiate
 from elvis.core.shapes import Shape
 

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints
 from elvis.renderer.passes.solids.hits import Hits, hits, outside, ray_depths
 from elvis.scene import Clip, Plane, TriangleMesh, unit
-from elvis.scene.surfaces import Solid
-from elvis.scene.view import View
+from elvis.scene.cameras.view import View
+from elvis.scene.model.surfaces import Solid
 
 
 class Visibility:

@@ -1,0 +1,1 @@
+"""Exodus files, alone and in pieces."""

@@ -1,0 +1,1 @@
+"""Files of the Gamma mesh format (.mesh, .meshb, .sol, .solb)."""

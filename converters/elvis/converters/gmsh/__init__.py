@@ -1,0 +1,1 @@
+"""Meshes and data of Gmsh, read and written."""

@@ -1,0 +1,1 @@
+"""Files of Nek5000, NekRS and Neko."""

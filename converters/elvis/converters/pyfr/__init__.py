@@ -1,0 +1,1 @@
+"""Meshes and solutions of PyFR, in its formats of today and before."""

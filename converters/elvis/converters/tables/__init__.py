@@ -1,0 +1,1 @@
+"""Exports to tables: points, lattices of Tecplot, triangles."""

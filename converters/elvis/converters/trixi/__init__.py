@@ -1,0 +1,1 @@
+"""Meshes and solutions of Trixi.jl, and of HOHQMesh, whose meshes it takes."""

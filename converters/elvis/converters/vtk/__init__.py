@@ -1,0 +1,1 @@
+"""Grids of VTK in all of its forms, read and written."""

@@ -1,0 +1,1 @@
+"""DOLFINx's VTX files."""

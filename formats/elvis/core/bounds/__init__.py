@@ -1,0 +1,1 @@
+"""Certified extrema, ranges and zeros of fields and quantities."""

@@ -1,0 +1,1 @@
+"""All zeros of a velocity, and of the shear on a wall."""

@@ -1,0 +1,1 @@
+"""Deformed, copied and separated geometry."""

@@ -1,0 +1,1 @@
+"""Integrals over isosurfaces and level lines."""

@@ -1,0 +1,1 @@
+"""Points, sides and sizes of elements, where quantities are evaluated."""

@@ -1,0 +1,1 @@
+"""Pieces and steps of traced lines, and files of them."""

@@ -1,0 +1,1 @@
+"""What ``elvis info`` and a prompt say of a dataset."""

@@ -1,0 +1,1 @@
+"""Meshes of the native format, in XML and HDF5."""

@@ -1,0 +1,1 @@
+"""Means along directions and over steps, as datasets of their own."""

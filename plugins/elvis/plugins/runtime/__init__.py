@@ -1,0 +1,1 @@
+"""Runtime plugins: what they tell (``source``, ``volume``), and the same data evaluated on the host."""

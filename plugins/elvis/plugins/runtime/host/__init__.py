@@ -1,0 +1,1 @@
+"""Data of runtime plugins evaluated on the host."""

@@ -1,0 +1,1 @@
+"""Sample data whose truth is known."""

@@ -1,0 +1,1 @@
+"""Fields on another mesh, or another space, by L2 projections with measured errors."""

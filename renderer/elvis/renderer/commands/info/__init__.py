@@ -1,0 +1,1 @@
+"""``elvis info``: the contents of data, and what is asked about them."""

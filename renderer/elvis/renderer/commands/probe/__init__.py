@@ -1,0 +1,1 @@
+"""``elvis probe``: values at points and along curves, their plots and spectra."""

@@ -1,0 +1,1 @@
+"""Compiled kernels: how they are kept between processes, and what is said when one can't be compiled."""

@@ -1,0 +1,1 @@
+"""Moving pictures: frames one after another, and the files that hold them."""

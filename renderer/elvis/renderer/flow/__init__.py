@@ -1,0 +1,1 @@
+"""Streamlines, ribbons and arrows of a picture."""

@@ -1,0 +1,1 @@
+"""Pictures from within a running solver."""

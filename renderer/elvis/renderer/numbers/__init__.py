@@ -1,0 +1,1 @@
+"""Numbers that a device computes: values at points, integrals of runtime plugins."""

@@ -1,0 +1,1 @@
+"""What passes share that draw pieces of elements in tiles."""

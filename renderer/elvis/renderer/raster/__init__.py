@@ -1,0 +1,4 @@
+"""Cameras, pixels and tiles, and the buffer of what each pixel sees.
+
+May be imported by every pass.
+"""

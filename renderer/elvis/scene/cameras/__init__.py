@@ -1,0 +1,4 @@
+"""Where a scene is seen from.
+
+It may import the model.
+"""

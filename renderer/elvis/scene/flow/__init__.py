@@ -1,0 +1,1 @@
+"""Streamlines of a scene, before anything is drawn."""
