@@ -28,7 +28,7 @@ from elvis.core.base.terminal import print_table
 from elvis.plugins.native import NativeVolume
 from elvis.plugins.native import buffers as native
 from elvis.plugins.runtime.volume import Part, PartsVolume, Volume, interface_folder
-from elvis.renderer import device as devices
+from elvis.renderer.device import device as devices
 
 #: how much slower than hard-wired the interface may be
 LIMIT = 1.1

@@ -7,8 +7,7 @@ from hashlib import sha256
 
 import pytest
 
-from elvis.renderer import device
-from elvis.renderer.device import compiled_modules
+from elvis.renderer.device import compiled_modules, device
 from elvis.renderer.device.compiled_modules import CompiledModules
 from elvis.renderer.device.device import SHADERS, Device
 from elvis.renderer.device.kernels import cache as kernel_cache

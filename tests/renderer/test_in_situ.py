@@ -26,6 +26,7 @@ from elvis.core.testing.fields import with_field
 from elvis.core.testing.meshes import grid
 from elvis.plugins.conversion.nodal import tensor_nodes
 from elvis.plugins.data.run_states import states_of
+from elvis.renderer.frame import renderer as renderer_module
 from elvis.renderer.frame import rendering
 from elvis.renderer.insitu.triggers import Condition, Trigger
 from elvis.renderer.passes.faces import faces
@@ -174,8 +175,8 @@ class TestKept:
     )
     def test_the_view_and_visible_faces(self, session, tmp_path, monkeypatch, objects, views):
         places, made, seen = bubbles(), [], []
-        fit, look = rendering.automatic, faces.face_patches
-        monkeypatch.setattr(rendering, "automatic", lambda *given: made.append(1) or fit(*given))
+        fit, look = renderer_module.automatic, faces.face_patches
+        monkeypatch.setattr(renderer_module, "automatic", lambda *given: made.append(1) or fit(*given))
         monkeypatch.setattr(faces, "face_patches", lambda *given: seen.append(1) or look(*given))
         before = []
         with session({"hexahedron": places}, device="auto", objects=objects) as drawn:

@@ -24,9 +24,8 @@ from elvis import (
 from elvis.core.data.dataset import Field
 from elvis.core.shapes import Shape
 from elvis.core.testing import grid
-from elvis.plugins import command
-from elvis.renderer import device
-from elvis.renderer.device import persistence
+from elvis.plugins.command import command
+from elvis.renderer.device import device, persistence
 from elvis.renderer.device.errors import DeviceLostError
 from elvis.renderer.frame import canvas
 from elvis.scene.cameras.view import view_of

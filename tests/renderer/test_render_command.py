@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from archives import arrays_of
 
-from elvis.plugins import command
+from elvis.plugins.command import command
 
 CUBE = "gen_allelem_n4"
 PLANE = ("--plane", "0.5,0.5,0.4:0.1,0.2,1")

@@ -16,9 +16,9 @@ from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, ripple
 from elvis.core.testing.played_ranks import played
 from elvis.formats.nektar import fields_input
-from elvis.plugins import data as data_module
 from elvis.plugins.command.command import elvis
 from elvis.plugins.command.running import Settings
+from elvis.plugins.data import data as data_module
 from elvis.plugins.series import series as series_module
 
 CUT = ("--plane", "0.5,0.45,0.52:0.3,0.2,1", "--size", "48x64")

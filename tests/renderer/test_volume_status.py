@@ -11,7 +11,7 @@ from elvis.core.mapping.connectivity import connected
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, with_field
 from elvis.formats.writing import write
-from elvis.plugins import command
+from elvis.plugins.command import command
 from elvis.renderer.passes.faces.faces import FaceDrawer
 from elvis.renderer.passes.volume.rendering import _March
 from elvis.scene import Transfer, VolumeRendering

@@ -14,8 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from elvis.plugins import command
-from elvis.plugins.command import running
+from elvis.plugins.command import command, running
 
 ROOT = Path(__file__).resolve().parents[2]
 SOLVERS = ROOT.parent / "shared" / "data" / "solvers"
