@@ -47,7 +47,7 @@ FILES = {
     ),
     "s.pickle": (
         b"\x80\x04\x95\x00cngsolve.comp\nMesh",
-        r"a pickled NGSolve session, .*ngsolve_export\.export in Python",
+        r"a pickled NGSolve session, .*elvis\.converters\.ngsolve\.export\.export in Python",
     ),
     "p.pickle": (b"\x80\x04\x95\x00anything", "a Python pickle, which could run any code"),
     "a.pos": (b'View "u" {\nSP(0,0,0){1};\n};\n', r"a list of values of Gmsh \(\.pos\) without a mesh: save the view"),

@@ -116,12 +116,13 @@ def test_points_between_elements_far_away_are_in_one_of_them(shape, shift):
 
 
 def test_the_reference_does_not_use_the_core_inversion():
-    """Its records, its definition of a margin and its trees of boxes are used, none of its solvers."""
+    """Its records, patches, definition of a margin and trees of boxes are used, none of its solvers."""
     allowed = {
         "elvis.core.mapping.boxes",
         "elvis.core.mapping.inverse",
         "elvis.core.mapping.locate",
         "elvis.core.mapping.margins",
+        "elvis.core.mapping.patch",
         "elvis.core.mapping.tangents",
     }
     for module in (inversion, locating):

@@ -105,7 +105,7 @@ class Reader:
 
 
 def opened(paths: Sequence[Path], spaces: str | None) -> tuple[dict[str, Any], Path, Reader]:
-    """Description of a mesh and its functions (`ngsolve_export.Session`), the mesh, and a reader with the library.
+    """Description of a mesh and its functions (`export.Session`), the mesh, and a reader with the library.
 
     spaces  of the functions, as ``H1:5,L2:4``, in the order of their files
     Raises FormatError for damaged files; raises ElvisError if spaces are missing or don't fit.

@@ -1,4 +1,4 @@
-"""NGSolve's elements: objects of a session, its own files, or samples (.elems.npz) of `ngsolve_export`.
+"""NGSolve's elements: objects of a session, its own files, or samples (.elems.npz) of `export`.
 
 The library evaluates positions and values of objects and of its own files.  Samples hold, for each shape S (tet,
 pyramid, prism, hex, trig, quad): S_elem (n,) numbers, S_verts (n, k) vertices in NGSolve's order, S_ref (m, d)

@@ -33,7 +33,7 @@ class Boxes(Rows):
     crossed   (k, 3, …)  velocity x acceleration or rotation
     turned    (k, 3, …) gradient times velocity; empty if not needed
     crossed_error, turned_error (k, 3)  rounding of both
-    square, cubic (k, 1, …)  y and r of the gradient, as in `core_turning`
+    square, cubic (k, 1, …)  y and r of the gradient, as in `turning`
     scale     (k,) the largest norm of the gradient in its element
     least     (k,) minimum turning that counts
     """

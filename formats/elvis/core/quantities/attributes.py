@@ -1,7 +1,7 @@
 """Attributes: quantities that elements define, independent of fields.
 
 element          id in the file
-composite        id of the composite that holds it, the first of several (see `element_sizes`)
+composite        id of the composite that holds it, the first of several (see `elements.sizes`)
 h                size: the d-th root of its length, area or volume
 order            highest degree of a field on it, or of its map without fields
 shape            0 segment, 1 triangle, 2 quadrilateral, 3 tetrahedron, 4 pyramid, 5 prism, 6 hexahedron
@@ -10,9 +10,9 @@ jacobian         determinant of the map's derivative in xi; length or area if th
 scaled_jacobian  the determinant divided by the product of the lengths of the derivative's columns: -1 to 1
 quality          mean ratio of the map from the ideal element, which has equal edges: 1 for a similarity, 0 for a
                  degenerate or inverted map (Knupp 2001, Algebraic mesh quality metrics: shape)
-xi1_x, …         derivatives of the reference coordinates (see `element_sides.DUALS`)
+xi1_x, …         derivatives of the reference coordinates (see `elements.sides.DUALS`)
 nx, ny, nz       outward unit normal on the element's sides, and
-face_height      height of the element above them; NaN elsewhere (see `element_sides`)
+face_height      height of the element above them; NaN elsewhere (see `elements.sides`)
 jump(f)          largest jump of the field f across the element's faces (see `jumps`)
 decay(f)         rate at which the modes of the field f fall with the order (see `resolution.element_resolution`)
 tail(f)          share of the energy of f in the highest modes

@@ -1,7 +1,7 @@
 """Bounds of the errors of rules on level sets and on the parts that they cut out of boxes.
 
 On each part between breaks, the integrand times the measure is an analytic function of three coordinates (two on
-surfaces).  The theorem of `analytic_error` then applies: discs (`level_discs`) bound the function on Bernstein
+surfaces).  The theorem of `analytic_error` then applies: discs (`levels.discs`) bound the function on Bernstein
 ellipses.  If analyticity isn't proved, the largest value on the box times the largest volume or area bounds the
 integral and the result of a rule.
 

@@ -31,7 +31,7 @@ _BEYOND = {Shape.HEXAHEDRON: 1.25, Shape.PRISM: 1.5, Shape.TETRAHEDRON: 1.5}
 
 
 class CutChart:
-    """A plane in a part's elements, in their reference coordinates (see `contour_squares.Chart`)."""
+    """A plane in a part's elements, in their reference coordinates (see `squares.Chart`)."""
 
     def __init__(
         self,

@@ -40,7 +40,7 @@ _ELEMENTS = 64
 
 @dataclass(frozen=True, eq=False)
 class PatchSamples:
-    """Samples of patches at n positions: as `contour_squares.ChartSamples`, and their depth (n,).
+    """Samples of patches at n positions: as `squares.ChartSamples`, and their depth (n,).
 
     point  (n, 3) in the world
     """
@@ -68,7 +68,7 @@ class PatchBounds:
 
 
 class PatchChart:
-    """Patches of faces of one part and shape, in coordinates (s, t) of each (see `contour_squares.Chart`)."""
+    """Patches of faces of one part and shape, in coordinates (s, t) of each (see `squares.Chart`)."""
 
     def __init__(self, loaded: DeviceVolume, quantity: str | None, view: View, patches: SquarePatches) -> None:
         self._loaded = loaded

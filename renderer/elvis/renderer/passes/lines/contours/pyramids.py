@@ -35,7 +35,7 @@ _HIGHEST = 0.8
 
 
 class PyramidChart(CutChart):
-    """A plane in a part's pyramids (see `contour_squares.Chart`)."""
+    """A plane in a part's pyramids (see `squares.Chart`)."""
 
     def __init__(self, *about: Any) -> None:
         super().__init__(*about)
