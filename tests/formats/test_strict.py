@@ -22,7 +22,7 @@ from elvis.formats import strict
 from elvis.formats.reading import read_part
 from elvis.formats.strict import findings
 from elvis.formats.strict.mesh_rules import mesh_findings
-from elvis.renderer.commands.info import info
+from elvis.renderer.commands.info.info import info
 
 
 def with_fields(mesh, modes=4):
