@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from cgns_blocks import Block
 from cgns_reader import patches_by_vtk
-from cgns_writing import base, condition, conditions, section, unstructured
+from cgns_writing import base, condition, conditions, elements, node, section, unstructured
 
-from elvis import write
+from elvis import FormatError, write
 from elvis.converters.cgns.cgns import Cgns
-from elvis.converters.cgns.elements import _TYPES, AMBIGUOUS
+from elvis.converters.cgns.elements import _TYPES, AMBIGUOUS, nodes_of_type
 from elvis.core.data.mesh import NON_CONFORMING
 from elvis.core.integrals import integrate
 from elvis.formats.strict import findings
@@ -168,3 +168,58 @@ def test_zones_without_interfaces_are_joined_by_place(tmp_path, pieces):
     assert integrate(dataset, "1", over="all").value == pytest.approx(10, rel=1e-12)
     names = [composite.name for composite in dataset.mesh.composites]
     assert (NON_CONFORMING in names) == (pieces[0] != pieces[1])
+
+
+#: sides of elements of order 1 as the standard numbers them (SIDS, "Unstructured Grid Element Numbering Conventions")
+NUMBERED_SIDES = {
+    10: ["132", "124", "234", "314"],
+    12: ["1432", "125", "235", "345", "415"],
+    14: ["1254", "2365", "3146", "132", "456"],
+    17: ["1432", "1265", "2376", "3487", "1584", "5678"],
+    5: ["12", "23", "31"],
+    7: ["12", "23", "34", "41"],
+}
+
+
+@pytest.mark.parametrize("number", NUMBERED_SIDES)
+def test_sides_may_be_named_by_cells_and_their_numbers(tmp_path, number):
+    """Files of IOSS: sections of sides whose vertices are all 0, with parents; sides are those of the vertices."""
+    corners = nodes_of_type(number)
+    rng = np.random.default_rng(number)
+    points = np.asarray(corners, np.float64) + rng.uniform(-0.1, 0.1, corners.shape)
+    table = np.arange(len(points))[None]
+    found = []
+    for is_by_parents in (False, True):
+        sections, named = [section("cells", number, 1, table)], []
+        for place, side in enumerate(NUMBERED_SIDES[number], start=1):
+            own, first = np.array([[int(c) - 1 for c in side]]), 1 + place
+            kind = {2: 3, 3: 5, 4: 7}[len(side)]
+            if is_by_parents:
+                parents = node("ParentElements", "DataArray_t", np.array([[1, 0]], np.int32))
+                places = node("ParentElementsPosition", "DataArray_t", np.array([[place, 0]], np.int32))
+                zeros = np.zeros(len(side), np.int32)
+                sections.append(elements(f"s{place}", kind, np.array([first, first], np.int32), zeros, parents, places))
+            else:
+                sections.append(section(f"s{place}", kind, first, own))
+            named.append(condition(f"side{place}", "PointList", [[first]], "FaceCenter"))
+        path = tmp_path / f"{number}{is_by_parents}.cgns"
+        tree = [base(unstructured("zone", points, 1, *sections, conditions(*named)), dimension=points.shape[1])]
+        writing.write_hdf5(path, tree, 4.2)
+        dataset = convert(Cgns([path])).dataset
+        what = "area" if points.shape[1] == 3 else "length"
+        rows = integrate(dataset, [what, "x", "y"], [f"side{k + 1}" for k in range(len(named))])
+        found.append([row.value for row in rows])
+    # the last rows are totals
+    assert len(found[0]) == 3 * (len(NUMBERED_SIDES[number]) + 1)
+    assert found[1] == pytest.approx(found[0], rel=0, abs=1e-12)
+
+
+def test_parents_without_such_sides_are_refused(tmp_path):
+    parents = node("ParentElements", "DataArray_t", np.array([[1, 0]], np.int32))
+    places = node("ParentElementsPosition", "DataArray_t", np.array([[5, 0]], np.int32))
+    side = elements("s", 5, np.array([2, 2], np.int32), np.zeros(3, np.int32), parents, places)
+    zone_of = unstructured("zone", nodes_of_type(10), 1, section("cells", 10, 1, np.arange(4)[None]), side)
+    path = tmp_path / "a.cgns"
+    writing.write_hdf5(path, [base(zone_of)], 4.2)
+    with pytest.raises(FormatError, match="/Base/zone/s: expected cells and numbers of their sides, found 1 others"):
+        convert(Cgns([path]))

@@ -153,6 +153,13 @@ def corners_of_shape(shape: Shape) -> Floats:
     return corners
 
 
+def sides_of_shape(shape: Shape) -> list[tuple[int, ...]]:
+    """Corners of the sides of an element, in the order in which the standard numbers the sides."""
+    sides: list[tuple[int, ...]] = list(_SURFACES[shape] or _LINES[shape])
+    # those of prisms with four corners come first
+    return sorted(sides, key=len, reverse=True) if shape is Shape.PRISM else sides
+
+
 def node_count(number: int) -> int | None:
     """Number of nodes of a type of elements; None if it is unknown."""
     if number == NODE:

@@ -23,6 +23,7 @@ from elvis.converters.cgns.elements import (
     element_type,
     node_count,
     nodes_of_type,
+    sides_of_shape,
 )
 from elvis.converters.cgns.tree import Node
 from elvis.converters.shared.inputs import check_rows
@@ -42,6 +43,8 @@ _PYRA_5, _PYRA_13, _PYRA_14 = 12, 21, 13
 #: cartesian coordinates, and cylindrical ones
 _CARTESIAN = ("CoordinateX", "CoordinateY", "CoordinateZ")
 _CYLINDRICAL = ("CoordinateR", "CoordinateTheta")
+#: types of sides, by their number of corners: BAR_2, TRI_3, QUAD_4
+_SIDES = {2: 3, 3: 5, 4: 7}
 
 
 @dataclass(eq=False)
@@ -114,9 +117,12 @@ def read_zone(node: Node, dimension: int, physical: int, version: int, coordinat
         zone.cells = [_structured_cells(zone)]
         return zone
     sections = sorted(node.labelled("Elements_t"), key=lambda each: int(each.required("ElementRange").ints(2)[0]))
+    by_parents = [section for section in sections if _is_by_parents(section)]
     for section in sections:
-        for group in _groups(section, version, zone):
+        for group in _groups(section, version, zone) if section not in by_parents else ():
             (zone.cells if group.kind.shape.dimension == dimension else zone.others).append(group)
+    for section in by_parents:
+        zone.others += _of_parents(section, zone)
     _check_cells(zone, int(table[1, 0]))
     return zone
 
@@ -208,6 +214,34 @@ def _groups(section: Node, version: int, zone: Zone) -> list[Group]:
     ((low, high),) = rind_of(section, 1)
     inside = [_within(group, first - 1 + low, last - high) for group in groups]
     return [_settled(group, zone, section) for group in inside if len(group.numbers)]
+
+
+def _is_by_parents(section: Node) -> bool:
+    """Whether a section names sides by cells and numbers of their sides: all vertices are 0, as IOSS writes them."""
+    if not all(section.child(f"ParentElements{what}") for what in ("", "Position")):
+        return False
+    table = section.required("ElementConnectivity").flat_ints()
+    return table.size > 0 and not table.any()
+
+
+def _of_parents(section: Node, zone: Zone) -> list[Group]:
+    """The sides of cells that a section names, as elements with their corners."""
+    first, last = section.required("ElementRange").ints(2).tolist()
+    count = last - first + 1
+    parents = section.required("ParentElements").ints(2, count)[0] - 1
+    places = section.required("ParentElementsPosition").ints(2, count)[0]
+    found = []
+    for cells in zone.cells:
+        rows = np.minimum(np.searchsorted(cells.numbers, parents), len(cells.numbers) - 1)
+        is_here = cells.numbers[rows] == parents
+        for place, corners in enumerate(sides_of_shape(cells.kind.shape), start=1):
+            own = np.flatnonzero(is_here & (places == place))
+            nodes = cells.nodes[rows[own]][:, list(corners)]
+            found.append(Group(element_type(_SIDES[len(corners)]), section.name, first - 1 + own, nodes))
+    lost = count - sum(len(group.numbers) for group in found)
+    if lost:
+        raise FormatError(f"expected cells and numbers of their sides, found {lost} others", place=section.place)
+    return [group for group in found if len(group.numbers)]
 
 
 def _within(group: Group, first: int, end: int) -> Group:
