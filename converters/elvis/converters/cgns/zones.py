@@ -118,8 +118,9 @@ def read_zone(node: Node, dimension: int, physical: int, version: int, coordinat
         return zone
     sections = sorted(node.labelled("Elements_t"), key=lambda each: int(each.required("ElementRange").ints(2)[0]))
     by_parents = [section for section in sections if _is_by_parents(section)]
-    for section in sections:
-        for group in _groups(section, version, zone) if section not in by_parents else ():
+    direct = [section for section in sections if section not in by_parents]
+    for section in direct:
+        for group in _groups(section, version, zone):
             (zone.cells if group.kind.shape.dimension == dimension else zone.others).append(group)
     for section in by_parents:
         zone.others += _of_parents(section, zone)
@@ -195,10 +196,7 @@ def _structured_cells(zone: Zone) -> Group:
 def _groups(section: Node, version: int, zone: Zone) -> list[Group]:
     """The elements of a section by type, without its rind."""
     number = _current(int(section.ints(2)[0]), version)
-    first, last = section.required("ElementRange").ints(2).tolist()
-    count = last - first + 1
-    if first < 1 or count < 0:
-        raise FormatError(f"expected numbers of elements from 1, found {first} to {last}", place=section.place)
+    first, count = _range(section)
     if number == MIXED:
         groups = _mixed(section, first, count, version)
     else:
@@ -212,8 +210,17 @@ def _groups(section: Node, version: int, zone: Zone) -> list[Group]:
             [] if number == NODE else [Group(element_type(number), section.name, first - 1 + np.arange(count), own)]
         )
     ((low, high),) = rind_of(section, 1)
-    inside = [_within(group, first - 1 + low, last - high) for group in groups]
+    inside = [_within(group, first - 1 + low, first - 1 + count - high) for group in groups]
     return [_settled(group, zone, section) for group in inside if len(group.numbers)]
+
+
+def _range(section: Node) -> tuple[int, int]:
+    """The number of the first element of a section, and how many it has."""
+    first, last = section.required("ElementRange").ints(2).tolist()
+    count = last - first + 1
+    if first < 1 or count < 0:
+        raise FormatError(f"expected numbers of elements from 1, found {first} to {last}", place=section.place)
+    return first, count
 
 
 def _is_by_parents(section: Node) -> bool:
@@ -226,8 +233,7 @@ def _is_by_parents(section: Node) -> bool:
 
 def _of_parents(section: Node, zone: Zone) -> list[Group]:
     """The sides of cells that a section names, as elements with their corners."""
-    first, last = section.required("ElementRange").ints(2).tolist()
-    count = last - first + 1
+    first, count = _range(section)
     parents = section.required("ParentElements").ints(2, count)[0] - 1
     places = section.required("ParentElementsPosition").ints(2, count)[0]
     found = []

@@ -1,1 +1,1 @@
-"""Exodus files, alone and in pieces."""
+"""Exodus files: whole meshes, and the pieces of parallel runs."""

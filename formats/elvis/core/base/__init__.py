@@ -1,4 +1,4 @@
-"""What knows no finite element: arrays, errors, memory, texts, ranks, messages.
+"""Foundations without finite elements: arrays, errors, memory, texts, ranks, messages.
 
-May be imported by everything.
+Every slice may import it; it imports no other folder.
 """

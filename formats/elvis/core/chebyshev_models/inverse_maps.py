@@ -10,7 +10,7 @@ v is the point of the element at y = M(v), and P(y) is in D, then
 
     |v - P(y)| <= |M(v) - M(P(y))| / (MARGIN (1 - k)) = |R(y)| / (MARGIN (1 - k)).
 
-So a bound of the residual on [-1, 1]^3 is all that a proof needs.  The residual is a polynomial.  Its Chebyshev
+A bound of the residual on [-1, 1]^3 is therefore enough.  The residual is a polynomial.  Its Chebyshev
 interpolant through N^3 points is known, and what is left follows from a bound of R on polyellipses (Trefethen 2013,
 theorem 8.1): if |R| <= m on the ellipses with foci -1 and 1 whose half axes sum to r, its coefficients are at most 8 m
 r^-|k|, and interpolation aliases those of degree N and beyond in some direction.
@@ -184,7 +184,7 @@ def _inverses(matrices: Floats) -> Floats:
 def _bends(own: Floats, axes: Floats, boxes_of_each: int) -> Floats:
     """(n,) largest difference of Jacobians of M / MARGIN from the identity over the whole element, in the maximum norm.
 
-    The Jacobian of the map on each box is that of the middle, but for the magnitudes of the other terms of its series.
+    On each box the Jacobian differs from that at the middle by at most the magnitudes of the other terms.
     """
     slopes = np.stack([slopes_of(own, direction) for direction in range(3)], axis=2)
     middle = slopes[..., 0, 0, 0].reshape(-1, 1, boxes_of_each, 3, 3)
@@ -259,7 +259,7 @@ def power_places(degree: int) -> Ints:
 
 @bounded_cache
 def _powers_of_chebyshev(count: int) -> Floats:
-    """(count, count) from Chebyshev coefficients to those of powers."""
+    """(count, count) matrix from Chebyshev coefficients to coefficients of powers."""
     columns = [np.polynomial.chebyshev.cheb2poly(own) for own in np.eye(count)]
     return frozen_floats(np.stack([np.pad(own, (0, count - len(own))) for own in columns], axis=1))
 
@@ -293,7 +293,7 @@ def _at_some_points(powers: Floats, points: Floats) -> Floats:
 
 
 def _degree_of(terms: int) -> int:
-    """The total degree of polynomials with so many terms."""
+    """The total degree of polynomials with this number of terms."""
     degree = 0
     while (degree + 1) * (degree + 2) * (degree + 3) // 6 < terms:
         degree += 1

@@ -1,4 +1,1 @@
-"""Datasets and what they consist of.
-
-It imports the shapes, the polynomials and ``base``.
-"""
+"""Meshes, blocks, fields and datasets, moments of a series, and arguments that select data."""

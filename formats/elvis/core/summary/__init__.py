@@ -1,1 +1,1 @@
-"""What ``elvis info`` and a prompt say of a dataset."""
+"""Summaries of a dataset for ``elvis info`` and for a prompt."""

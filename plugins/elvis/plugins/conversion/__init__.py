@@ -1,4 +1,1 @@
-"""Conversion plugins: what they tell (``plugin``), how they are found, run, checked, reported and kept.
-
-The projection below does the mathematics.
-"""
+"""Conversion plugins: their interface (``plugin``), discovery, execution, checks, reports and cache."""

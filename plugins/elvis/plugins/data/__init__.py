@@ -1,1 +1,1 @@
-"""Datasets from files of any kind, and what is chosen or derived before a command works on them."""
+"""Datasets from files of any kind, and the selections and derived fields that commands start from."""

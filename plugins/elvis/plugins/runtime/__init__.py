@@ -1,1 +1,1 @@
-"""Runtime plugins: what they tell (``source``, ``volume``), and the same data evaluated on the host."""
+"""Runtime plugins: their interface (``source``, ``volume``), and evaluation of their data on the host."""

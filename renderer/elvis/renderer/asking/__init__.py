@@ -1,4 +1,1 @@
-"""What a picture is asked for: requests, the data that they mean, and what is completed from the data.
-
-Everything that draws may import it; it imports no pass.
-"""
+"""Requests for pictures, the data they refer to, and defaults that are taken from the data."""

@@ -1,4 +1,1 @@
-"""Devices, their memory and their kernels.
-
-May be imported by everything here; it knows no scene.
-"""
+"""Devices, their memory and their kernels."""

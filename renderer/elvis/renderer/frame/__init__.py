@@ -1,1 +1,1 @@
-"""One picture from the scene to its pixels: stages, shading, painting, and what is drawn next to the data."""
+"""One picture from the scene to its pixels: stages, shading, painting, and geometries next to the data."""

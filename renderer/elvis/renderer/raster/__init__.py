@@ -1,4 +1,4 @@
-"""Cameras, pixels and tiles, and the buffer of what each pixel sees.
+"""Cameras, pixels and tiles, and the hit buffer.
 
-May be imported by every pass.
+Every pass may import it.
 """

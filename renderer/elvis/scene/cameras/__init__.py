@@ -1,4 +1,1 @@
-"""Where a scene is seen from.
-
-It may import the model.
-"""
+"""Cameras of a scene: views, automatic cameras, camera paths."""

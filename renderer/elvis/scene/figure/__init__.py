@@ -1,4 +1,1 @@
-"""A picture with what stands around it: bars, rulers, texts, files.
-
-It may import the model and records.
-"""
+"""A picture with its bars, rulers and texts, and the files that hold it."""

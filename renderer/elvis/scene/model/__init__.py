@@ -1,4 +1,1 @@
-"""The settings of a scene, each described once, and scene files.
-
-It imports nothing else of the scene.
-"""
+"""The settings of a scene, each described once, and scene files."""

@@ -1,1 +1,1 @@
-"""``elvis info``: the contents of data, and what is asked about them."""
+"""``elvis info``: the contents of a dataset, its extrema, mesh quality and resolution."""

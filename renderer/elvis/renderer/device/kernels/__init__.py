@@ -1,1 +1,1 @@
-"""Compiled kernels: how they are kept between processes, and what is said when one can't be compiled."""
+"""Compiled kernels: their cache between processes, and messages about kernels that fail to compile."""

@@ -1,1 +1,1 @@
-"""What passes share that draw pieces of elements in tiles."""
+"""Drawing of line pieces in tiles, for tubes and ribbons."""

@@ -1,1 +1,1 @@
-"""Contours on faces, cuts and pyramids, and the proof of which pixels they pass."""
+"""Contours on faces, cuts and pyramids, and proofs of the pixels that they cross."""
