@@ -305,6 +305,17 @@ def test_truncated_files_are_rejected(solvers, tmp_path, end, share):
         Gmf(files)
 
 
+def test_texts_without_a_last_keyword(tmp_path):
+    """SfePy writes no End: complete lines are read, with a remark; a line that was cut may hold a part of a number."""
+    whole = text(mesh_sections(("Tetrahedra",), 1)).removesuffix(b"End\n")
+    (tmp_path / "whole.mesh").write_bytes(whole)
+    source = Gmf([tmp_path / "whole.mesh"])
+    assert source.warnings == ["no keyword End: sections after Tetrahedra may be missing"]
+    (tmp_path / "cut.mesh").write_bytes(whole[:-1])
+    with pytest.raises(FormatError, match="expected the keyword End, found the end of the file in a line"):
+        Gmf([tmp_path / "cut.mesh"])
+
+
 def test_files_that_end_within_a_number_are_rejected(tmp_path):
     (tmp_path / "a.meshb").write_bytes(struct.pack("<iii", 1, 2, 3) + b"\0\0")
     with pytest.raises(FormatError, match="header: expected more bytes, found the end"):

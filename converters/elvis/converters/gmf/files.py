@@ -146,10 +146,11 @@ def _is_header(start: bytes, order: str) -> bool:
 
 
 class GmfFile:
-    """The sections of a file, by keyword; the dimension; the relative size of its reals, in bytes."""
+    """The sections of a file, by keyword; the dimension; the relative size of its reals, in bytes; remarks."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.remarks: list[str] = []
         raw = content(path)
         self.sections: dict[str, Section] = {}
         if raw[:4] in (struct.pack("<i", 1), struct.pack(">i", 1)):
@@ -274,7 +275,14 @@ class _Text:
             if name in KEYWORDS:
                 self._read(name)
         if last != b"End":
-            raise FormatError("expected the keyword End, found none", file=file.path)
+            self._end_early(last.decode("ascii", "replace"))
+
+    def _end_early(self, last: str) -> None:
+        """Take a file without End that ends with a complete line, as SfePy's do; one that was cut has no line end."""
+        if not self.text.endswith((b"\n", b"\r")):
+            found = f"the end of the file in a line of {last}"
+            raise FormatError(f"expected the keyword End, found {found}", file=self.file.path)
+        self.file.remarks.append(f"no keyword End: sections after {last} may be missing")
 
     def _sections(self) -> Iterator[tuple[bytes, int, int]]:
         """Each keyword, with the start and end of the text up to the next one."""

@@ -88,9 +88,10 @@ class Gmf(NodalConverter):
         unnamed = excess_of_parts(of_sides, "references of sides")
         self.boundaries = [] if unnamed else self._borders(dimension - 1)
         self.declared = self._declared(dimension, not unnamed)
-        self.warnings = [remark for remark in (excess, unnamed) if remark]
+        self.warnings = [*mesh.remarks, *(remark for remark in (excess, unnamed) if remark)]
         if solution is not None:
             self._read_solution(solution)
+            self.warnings += [f"{solution.path.name}: {remark}" for remark in solution.remarks]
         # blocks and boundaries hold what they need of the tables
         mesh.sections.clear()
 
