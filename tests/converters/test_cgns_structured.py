@@ -189,10 +189,12 @@ def test_ambiguous_conditions_are_named(tmp_path):
         condition("volume", "PointRange", [(1, 1, 1), (3, 4, 5)]),
         condition("cells", "PointRange", [(1, 1, 1), (2, 3, 4)], "CellCenter"),
         condition("inside", "PointList", [(2, 2, 2)]),
+        condition("beyond", "PointRange", [(1, 4, 0), (3, 4, -1)]),
     ]
     path = writing.write_hdf5(tmp_path / "a.cgns", [base(structured("Zone", grid(*SIZES), conditions(*own)))], 3.4)
     notes = Cgns([path]).warnings
-    assert len(notes) == 3
+    assert len(notes) == 4
+    assert any("beyond of Zone names vertices [1, 4, -1] to [3, 4, 0] of a grid of [3, 4, 5]" in note for note in notes)
     assert "the boundary condition volume of Zone is not a face but a part of the grid, and was skipped" in notes
     assert "the boundary condition inside of Zone marks no side of a cell, and was skipped" in notes
     assert any("cells of Zone doesn't define which direction" in note for note in notes)

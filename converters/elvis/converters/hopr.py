@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elvis.converters.shared.hdf5 import (
     attribute,
@@ -30,7 +29,7 @@ from elvis.converters.shared.hdf5 import (
 )
 from elvis.converters.shared.inputs import check_roles, check_rows
 from elvis.converters.shared.unit import UNIT, lattice, unit_basis
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints
 from elvis.core.base.errors import FormatError
 from elvis.core.data.mesh import PERIODIC
 from elvis.core.polynomials.quadrature import gauss, lobatto
@@ -55,6 +54,7 @@ _SHAPES = {4: Shape.TETRAHEDRON, 5: Shape.PYRAMID, 6: Shape.PRISM, 8: Shape.HEXA
 #: our local side for each of the file's, by number of corners
 _SIDES = {6: (4, 2, 0, 1, 3)}
 
+_MOST_SMALL_SIDES = 4
 #: the type of boundary conditions that identify sides
 _PERIODIC = 1
 
@@ -216,7 +216,7 @@ class Hopr(NodalConverter):
         self.time = number(file, "Time")
         self.metadata = {key: text(attribute(file, key)) for key in ("Program", "Project_Name") if key in file.attrs}
 
-    def _marks(self, file: h5py.File) -> NDArray[np.bool_]:
+    def _marks(self, file: h5py.File) -> Bools:
         """(n,) whether elements hold sub-cells."""
         none = np.zeros(len(self._info), bool)
         names = [text(name) for name in attributes(file, "VarNamesAdd")] if "VarNamesAdd" in file.attrs else []
@@ -228,7 +228,7 @@ class Hopr(NodalConverter):
             raise FormatError(f"expected {expected}, found {data.shape}", file=file.filename, place="ElemData")
         return np.asarray(data[:, column], np.float64) > 0.5
 
-    def _part_subcells(self, file: h5py.File, count: int, marks: NDArray[np.bool_]) -> None:
+    def _part_subcells(self, file: h5py.File, count: int, marks: Bools) -> None:
         """Elements that hold ``count`` sub-cells in each direction make a block of these."""
         (block,) = self.blocks
         rows = np.flatnonzero(~marks)
@@ -306,14 +306,15 @@ def _periodic_conditions(file: h5py.File, count: int) -> Ints:
     return numbers[types[:count, 0] == _PERIODIC] if len(types) == count and types.shape[1] else numbers[:0]
 
 
-def _are_identified(sides: Ints, conditions: Ints) -> NDArray[np.bool_]:
+def _are_identified(sides: Ints, conditions: Ints) -> Bools:
     """(n,) which sides with one of some boundary conditions are identified with sides of other elements."""
     return np.asarray(np.isin(sides[:, 4], conditions) & (sides[:, 2] != 0))
 
 
 def _declared(file: h5py.File) -> Declared:
-    """The number of elements, and of the entries of SideInfo that have each boundary condition."""
-    conditions, names = ints(file, "SideInfo", None, None)[:, 4], texts(file, "BCNames")
+    """The number of elements, and of their sides that have each boundary condition."""
+    sides, names = ints(file, "SideInfo", None, None), texts(file, "BCNames")
+    conditions = sides[~_are_parts(sides), 4]
     counts: dict[str, int] = {}
     for condition, count in zip(*(own.tolist() for own in np.unique(conditions, return_counts=True)), strict=True):
         if condition > 0:
@@ -325,6 +326,15 @@ def _declared(file: h5py.File) -> Declared:
 def _small_sides(neighbours: Ints) -> Ints:
     """Number of small sides after each side, from its neighbour's number, which is -1, -2 or -3 for mortars."""
     return np.where(neighbours == -1, 4, np.where((neighbours == -2) | (neighbours == -3), 2, 0))
+
+
+def _are_parts(sides: Ints) -> Bools:
+    """(n,) which entries repeat small sides of other elements, after the big side of a mortar that they belong to."""
+    small = _small_sides(sides[:, 2])
+    found = np.zeros(len(sides), bool)
+    for distance in range(1, _MOST_SMALL_SIDES + 1):
+        found[distance:] |= small[:-distance] >= distance
+    return found
 
 
 def _widths(file: h5py.File, count: int) -> Floats:

@@ -328,9 +328,9 @@ class Condition:
         """Faces between vertices: the faces of a flat range, or outer faces whose vertices are all listed."""
         sizes = np.array(self.zone.sizes)
         if points.min() < 0 or (points >= sizes).any():
-            expected = f"vertices up to {sizes.tolist()}"
-            found = f"up to {(points.max(axis=0) + 1).tolist()}"
-            raise FormatError(f"expected {expected}, found {found}", place=self.node.place)
+            ends = f"{(points.min(axis=0) + 1).tolist()} to {(points.max(axis=0) + 1).tolist()}"
+            self._leave_out(f"names vertices {ends} of a grid of {sizes.tolist()}")
+            return
         if not is_range:
             marks = np.zeros(self.zone.vertex_count, bool)
             marks[points @ np.cumprod([1, *sizes[:-1]])] = True

@@ -13,10 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints, frozen_floats, narrow_ints, numbered, pair_numbers
-from elvis.core.interfaces.crowded_sides import HOPELESS, POINTS_AT_ONCE, hopeless_sides, shares
+from elvis.core.base.arrays import Bools, Floats, Ints, narrow_ints, pair_numbers
+from elvis.core.interfaces.collapsed import NOWHERE, are_collapsed, widened
+from elvis.core.interfaces.crowded_sides import HOPELESS, NEAR, POINTS_AT_ONCE, hopeless_sides, shares, surplus
 from elvis.core.interfaces.feet import feet
-from elvis.core.interfaces.side_groups import COLLAPSED, SideGroup, SideSet
+from elvis.core.interfaces.side_groups import SideGroup, SideSet
 from elvis.core.mapping.boxes import Boxes, BoxTree, meet, outward
 from elvis.core.mapping.orientation import chunks
 from elvis.core.polynomials.quadrature import gauss
@@ -25,8 +26,6 @@ from elvis.core.polynomials.quadrature import gauss
 ROUNDING = 1e-11
 #: the same distance relative to the largest coordinate, in roundings of the source's numbers
 SOURCE_ROUNDINGS = 64
-#: distance, relative to a side's size, up to which it is unclear whether a side lies on another
-NEAR = 0.06
 #: cosines of the angle between normals into both elements: for coincident sides, and the maximum for sides that may
 #: coincide
 OPPOSITE = -0.9
@@ -90,7 +89,7 @@ def hanging(sides: SideSet, named: Bools, is_oriented: bool, precision: float) -
     is_oriented  whether elements fill the space, so that those on both sides of a face lie opposite
     precision    relative rounding of the source's numbers
     """
-    collapsed = _are_collapsed(sides)
+    collapsed = are_collapsed(sides)
     regular = narrow_ints(np.flatnonzero(~collapsed), len(sides))
     search = _Search(sides, regular, named, is_oriented, precision)
 
@@ -115,32 +114,6 @@ def hanging(sides: SideSet, named: Bools, is_oriented: bool, precision: float) -
     return Hanging(sides.entity[sure | collapsed], sides.entity[undecided], float(gap))
 
 
-def _are_collapsed(sides: SideSet) -> Bools:
-    """(n,) whether sides have no area, or no length."""
-    every = numbered(len(sides))
-    greatest, sizes = np.zeros((2, len(sides)))
-    extent = _NOWHERE
-    for part in chunks(len(sides), POINTS_AT_ONCE):
-        which, points = sides.samples(every[part], 0)
-        np.maximum.at(greatest[part], which, sides.factors(points, every[part][which]))
-        box = sides.boxes(every[part])
-        sizes[part] = np.linalg.norm(box[:, 3:] - box[:, :3], axis=1)
-        extent = _widened(extent, box)
-    scale = float((extent[1] - extent[0]).max()) if len(sides) else 0.0
-    flat = np.repeat([group.corners > 2 for group in sides.groups], [len(group) for group in sides.groups])
-    return np.asarray((greatest <= COLLAPSED * np.where(flat, sizes**2, scale)) | (sizes <= COLLAPSED * scale))
-
-
-#: the extent of no boxes
-_NOWHERE = frozen_floats(np.stack([np.full(3, np.inf), np.full(3, -np.inf)]))
-
-
-def _widened(extent: Floats, boxes: Floats) -> Floats:
-    """(2, 3) smallest and largest coordinates of an extent (2, 3) and of boxes (n, 6)."""
-    points = boxes.reshape(-1, 3)
-    return np.stack([np.minimum(extent[0], points.min(axis=0)), np.maximum(extent[1], points.max(axis=0))])
-
-
 class _Search:
     """Sides among which partners are sought.
 
@@ -153,9 +126,9 @@ class _Search:
     def __init__(self, sides: SideSet, candidates: Ints, named: Bools, is_oriented: bool, precision: float) -> None:
         self.sides, self.named, self.is_oriented = sides, named, is_oriented
         self._candidates = candidates
-        extent = _NOWHERE
+        extent = NOWHERE
         for part in chunks(len(candidates), POINTS_AT_ONCE):
-            extent = _widened(extent, sides.boxes(candidates[part]))
+            extent = widened(extent, sides.boxes(candidates[part]))
         magnitude = float(np.abs(extent).max()) if len(candidates) else 0.0
         scale = float(np.linalg.norm(extent[1] - extent[0])) if len(candidates) else 0.0
         self._rounding = max(ROUNDING * scale, SOURCE_ROUNDINGS * precision * magnitude)
@@ -186,7 +159,7 @@ class _Search:
     def hopeless(self) -> Bools:
         """(n,) some of the sides that `contacts` would find to be hopeless."""
         facing = FACING if self.is_oriented else None
-        return hopeless_sides(self.sides, self._candidates, self._tree, self._normals, facing)
+        return hopeless_sides(self.sides, self._candidates, self._tree, self._normals, self._size, facing)
 
     def possible(self, known: Bools) -> Ints:
         """Ascending sides whose boxes meet the box of another side that faces them, without those ``known`` (n,)."""
@@ -294,6 +267,7 @@ class _Search:
         for point, place in self._tree.batches(len(world), meets, NODES_AT_ONCE, by_node=True):
             side, other = chosen[which[point]], self._candidates[place]
             possible = (side != other) & self._may_face(side, other)
+            possible &= self._is_near(world[point], side, other, self._tree.boxes[place])
             if codes is not None:
                 possible &= _are_among(codes, self._code(side, other))
             points.append(point[possible])
@@ -305,6 +279,12 @@ class _Search:
         self.is_crowded[chosen] |= is_crowded
         examined = ~(is_crowded if is_limited else is_hopeless)[which[point]]
         return point[examined], other[examined], is_hopeless
+
+    def _is_near(self, world: Floats, side: Ints, other: Ints, boxes: Boxes) -> Bools:
+        """(n,) whether points (n, 3) of sides lie so near the boxes of others that they may touch these."""
+        excess = surplus(self._size[side], self._size[other])
+        low, high = boxes[:, :3] + excess[:, None], boxes[:, 3:] - excess[:, None]
+        return np.asarray(((low <= world) & (world <= high)).all(axis=1))
 
     def _code(self, side: Ints, other: Ints) -> Ints:
         """(n,) a number for each pair of sides."""
