@@ -328,8 +328,8 @@ class Condition:
         """Faces between vertices: the faces of a flat range, or outer faces whose vertices are all listed."""
         sizes = np.array(self.zone.sizes)
         if points.min() < 0 or (points >= sizes).any():
-            ends = f"{(points.min(axis=0) + 1).tolist()} to {(points.max(axis=0) + 1).tolist()}"
-            self._leave_out(f"names vertices {ends} of a grid of {sizes.tolist()}")
+            named = f"{(points.min(axis=0) + 1).tolist()} to {(points.max(axis=0) + 1).tolist()}"
+            self._leave_out(f"names vertices {named} of a grid of {sizes.tolist()}")
             return
         if not is_range:
             marks = np.zeros(self.zone.vertex_count, bool)

@@ -43,7 +43,7 @@ def surplus(sizes: NDArray[Any], others: NDArray[Any]) -> NDArray[Any]:
     Boxes are enlarged by `NEAR` of their own side's size, but sides are near one another by the smaller of both sizes:
     faces of a mesh that is one element deep would else be near all narrow faces of a wall.
     """
-    return np.maximum(NEAR * np.maximum(others - sizes, 0) - SIZE_ROUNDING * others, 0)
+    return np.asarray(np.maximum(NEAR * np.maximum(others - sizes, 0) - SIZE_ROUNDING * others, 0))
 
 
 def hopeless_sides(
