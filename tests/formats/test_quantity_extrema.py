@@ -7,6 +7,8 @@ import pytest
 
 from elvis.core.base.errors import ElvisError
 from elvis.core.bounds import quantity_extrema as quantity_extrema_module
+from elvis.core.bounds import single_field_extrema
+from elvis.core.bounds.extrema import Extremum
 from elvis.core.bounds.quantity_extrema import quantity_extrema
 from elvis.core.data.dataset import Dataset, Field
 from elvis.core.polynomials.boxnets import all_halves, corners, product, total
@@ -70,6 +72,25 @@ def test_functions_of_one_field_reach_their_bounds_where_they_are_flat():
     for found in (greatest, least):
         samples = Sampler(dataset, [Expression.of(dataset, "u")]).sample(np.array([found.position]))
         assert samples.values[0, 0] == pytest.approx(0, abs=1e-6)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_functions_of_one_field_stay_below_their_bounds_wherever_bisection_ends(sign, monkeypatch):
+    dataset = Dataset(grid(Shape.SEGMENT, 1))
+    root = Expression.of(dataset, "sin(20*x)*exp(-x^2)").root
+    ends = [Extremum(end, end, (end, 0.0, 0.0), 0) for end in (-1.0, 1.0)]
+    x = np.linspace(-1, 1, 200_001)
+    truth = (sign * np.sin(20 * x) * np.exp(-(x**2))).max()
+    bounds = []
+    for parts, most, bisections in [(2, 1, 1), (2, 1, 4), (2, 4, 2), (2, 8, 5), (2, 64, 9), (256, 64, 60)]:
+        limits = {"_PARTS": parts, "_MOST_PARTS": most, "_BISECTIONS": bisections}
+        for name, limit in limits.items():
+            monkeypatch.setattr(single_field_extrema, name, limit)
+        found = single_field_extrema.best_argument(root, ends, sign)
+        assert found.value <= truth + 1e-7
+        assert truth <= found.bound
+        bounds.append(found.bound)
+    assert bounds[-1] - truth < 1e-7
 
 
 def test_functions_of_a_field_that_jumps_over_their_maximum():

@@ -94,10 +94,11 @@ class Imports:
                     distance[user] = distance[file] + 1
                     waiting.append(user)
         folder = str(path.relative_to(self._root)).split("/")[0]
-        stem = set(path.stem.split("_"))
+        # modules don't repeat the names of their folders
+        words = set(path.stem.split("_")) | set(path.parent.name.split("_"))
 
         def order(test: Path) -> tuple[int, bool, int, str]:
-            return distance[test], test.parent.name != folder, -len(stem & set(test.stem.split("_"))), str(test)
+            return distance[test], test.parent.name != folder, -len(words & set(test.stem.split("_"))), str(test)
 
         return sorted(self.tests & distance.keys(), key=order)
 

@@ -108,7 +108,11 @@ def arguments() -> argparse.Namespace:
 def drawn(options: argparse.Namespace) -> list[Mutant]:
     """The mutants of this run."""
     known = equivalents()
-    found = [mutant for mutant in every_mutant(options) if mutant.key not in known]
+    every = list(every_mutant(options))
+    if not options.under and not options.lines:
+        for key in sorted(known - {mutant.key for mutant in every}):
+            print(f"listed as equivalent, but no longer a mutant: {key}", flush=True)
+    found = [mutant for mutant in every if mutant.key not in known]
     if options.lines:
         wanted = {(name, line) for name, lines in map(span, options.lines) for line in lines}
         found = [mutant for mutant in found if (mutant.name, mutant.change.line) in wanted]

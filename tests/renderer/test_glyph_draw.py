@@ -33,8 +33,8 @@ class Rays:
         for own in (self.axis, self.length, self.radius, self.slope):
             own[:, 2] = own[:, 0]
         self.axis /= np.linalg.norm(self.axis, axis=2, keepdims=True)
-        # the rounding of the first solid of all is as large as others' errors
-        self.length[0] = 3e6
+        # the rounding of the last solids of all is as large as others' errors
+        self.length[-1] = 3e6
 
     def rows(self):
         return rows_of(COUNT, [self.origin, self.along, self.first, self.slack, self.scale, self.most])

@@ -36,16 +36,19 @@ class Rays:
         self.polynomials = some(-0.02, 0.02, 5, 27)
         self.polynomials[:, [0, 1, 2], [1, 3, 9]] += 1.0
         self.polynomials[:, 3:] *= 50
-        self.enter, self.direction = some(-0.6, -0.5, 3), some(-0.12, 0.12, 3)
-        self.leave = self.enter + self.direction
         self.span = np.stack([some(1, 2), some(2.5, 3)], axis=1)
         self.places = np.sort(rng.uniform(0.05, 0.95, NODES - 1))
         self.matrix = rng.uniform(-1, 1, (NODES, NODES))
+        self.lead(some(-0.6, -0.5, 3), some(-0.12, 0.12, 3))
+        self._add_hits(rng)
+
+    def lead(self, enter, direction):
+        """Let the rays enter the elements at reference points (n, 3) and leave them at others."""
+        self.enter, self.direction, self.leave = enter, direction, enter + direction
         self.position = np.stack([self.jets(k, self.enter)[:, 0] for k in range(3)], axis=1)
         end = np.stack([self.jets(k, self.leave)[:, 0] for k in range(3)], axis=1)
         self.world = (end - self.position) / (self.span[:, 1] - self.span[:, 0])[:, None]
         self.origin = self.position - self.span[:, :1] * self.world
-        self._add_hits(rng)
 
     def _add_hits(self, rng):
         """Entries (1) and exits (-1) by turns, and pairs at nearly one depth that are or aren't touched edges.
@@ -118,13 +121,23 @@ def rays():
 
 
 @pytest.fixture(scope="module")
-def found(functions, rays):
+def traced(functions):
+    """What the kernel finds for rays."""
     kernel = functions("volume_trace")
-    places = np.append(rays.places, 1.0)
-    given = {"polynomials": rays.polynomials, "places": places, "fit": rays.matrix}
-    given["guesses"] = hermite_weights(places)
-    (found,) = parted(kernel(rays.rows(), width_of([FOUND]), **given), [FOUND])
-    return found
+
+    def traced(rays):
+        places = np.append(rays.places, 1.0)
+        given = {"polynomials": rays.polynomials, "places": places, "fit": rays.matrix}
+        given["guesses"] = hermite_weights(places)
+        (found,) = parted(kernel(rays.rows(), width_of([FOUND]), **given), [FOUND])
+        return found
+
+    return traced
+
+
+@pytest.fixture(scope="module")
+def found(traced, rays):
+    return traced(rays)
 
 
 def test_points_are_extrapolated_by_the_polynomials_of_all_that_is_known(rays, found):
@@ -164,6 +177,16 @@ def test_fields_along_parts_are_fitted_at_points_of_the_ray(rays, found):
     assert np.array_equal(found["last"], rays.leave)
     assert found["rate"] == pytest.approx(rays.at(depths[:, -1])[1], rel=1e-6)
     assert np.array_equal(found["end"], rays.span[:, 1])
+
+
+@pytest.mark.parametrize("part", [0.9, 1.1])
+def test_points_may_be_outside_by_a_millionth(part, traced):
+    """Rays along a side of elements with straight sides."""
+    rays = Rays(np.random.default_rng(19))
+    is_bent = POWERS.sum(axis=1) > 1
+    rays.polynomials[:, :3, is_bent] = 0.0
+    rays.lead(rays.enter * [0, 1, 1] + [-1 - 1e-6 * part, 0, 0], rays.direction * [0, 1, 1])
+    assert (traced(rays)["found"] == (part < 1)).all()
 
 
 def test_hits_at_one_depth_of_opposite_directions_are_removed(rays, found):

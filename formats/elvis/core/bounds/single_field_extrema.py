@@ -63,8 +63,8 @@ def best_argument(root: Node, ends: tuple[Extremum, Extremum], sign: int) -> Bes
     low, high = edges[:-1], edges[1:]
     best, bound = Best(np.nan, -np.inf, -np.inf), -np.inf
     for _ in range(_BISECTIONS):
-        # values that the field takes, in the parts and at their ends
-        places = np.clip(np.concatenate([low, high, (low + high) / 2]), least.value, greatest.value)
+        # values that the field takes, at the ends of the parts
+        places = np.clip(np.concatenate([low, high]), least.value, greatest.value)
         best = _improved(best, places, sign * values(root, places))
         upper = _upper(root, (low, high), sign)
         is_open = upper > best.value + _CLOSE * abs(best.value)
