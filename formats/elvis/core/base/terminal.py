@@ -49,58 +49,42 @@ def say(text: str = "") -> None:
     print(visible(text))
 
 
-#: rows of a table up to which rich lays it out in a pipe: it takes 5 kB of memory for each
-MAX_RICH_ROWS = 1000
-
-
-def print_table(headers: Sequence[str], rows: Iterable[Sequence[object]], title: str = "") -> None:
+def print_table(headers: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     """Print a table on standard output, columns of numbers to the right: framed on a terminal, bare in a pipe.
 
     In a pipe no cell is wrapped or cut, however long the line.
     """
+    cells = [[visible(str(cell)).replace("\n", " ") for cell in row] for row in rows]
+    columns = range(len(headers))
+    numeric = [bool(cells) and all(_is_number(row[column]) for row in cells) for column in columns]
+    if not sys.stdout.isatty():
+        heads = [list(map(visible, headers))] if any(headers) else []
+        print("\n".join(aligned([*heads, *cells], numeric)))
+        return
     from rich import box
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
-    cells = [[visible(str(cell)).replace("\n", " ") for cell in row] for row in rows]
-    on_terminal = sys.stdout.isatty()
-    if len(cells) > MAX_RICH_ROWS and not on_terminal:
-        _print_many(headers, cells, title)
-        return
-    table = Table(box=box.SIMPLE_HEAD if on_terminal else None, pad_edge=False, title_justify="left")
-    table.show_header = any(headers)
-    table.title = Text(one_line(title), style="bold") if title else None
-    for column, header in enumerate(headers):
-        numeric = bool(cells) and all(_is_number(row[column]) for row in cells)
-        table.add_column(header, justify="right" if numeric else "left", overflow="fold")
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_header=any(headers))
+    for header, is_numeric in zip(headers, numeric, strict=True):
+        table.add_column(header, justify="right" if is_numeric else "left", overflow="fold")
     for row in cells:
         table.add_row(*(Text(cell) for cell in row))
-    if on_terminal:
-        Console().print(table)
-        return
-    console = Console(width=100_000)
-    with console.capture() as captured:
-        console.print(table)
-    print("\n".join(line.rstrip() for line in captured.get().splitlines()))
+    Console().print(table)
 
 
-def _print_many(headers: Sequence[str], cells: Sequence[Sequence[str]], title: str) -> None:
-    """Print a table of many rows as rich does in a pipe, row by row."""
+def aligned(rows: Sequence[Sequence[str]], numeric: Sequence[bool]) -> Iterator[str]:
+    """The lines of a table, each column as wide as its widest cell; columns of numbers are flush right."""
     from rich.cells import cell_len
 
-    if title:
-        print(one_line(title))
-    widths, are_numbers = [], []
-    for column, header in enumerate(headers):
-        widths.append(max(cell_len(header), *(cell_len(row[column]) for row in cells)))
-        are_numbers.append(all(_is_number(row[column]) for row in cells))
-    for row in (*([headers] if any(headers) else []), *cells):
+    widths = [max(map(cell_len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
         parts = []
-        for cell, width, is_number in zip(row, widths, are_numbers, strict=True):
+        for cell, width, is_numeric in zip(row, widths, numeric, strict=True):
             blanks = " " * (width - cell_len(cell))
-            parts.append(blanks + cell if is_number else cell + blanks)
-        print("  ".join(parts).rstrip())
+            parts.append(blanks + cell if is_numeric else cell + blanks)
+        yield "  ".join(parts).rstrip()
 
 
 @contextmanager

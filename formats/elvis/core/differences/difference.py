@@ -19,6 +19,7 @@ from elvis.core.base.arrays import Floats
 from elvis.core.base.errors import ElvisError
 from elvis.core.base.hints import perhaps
 from elvis.core.base.rounded_up import rounded_up
+from elvis.core.base.terminal import aligned
 from elvis.core.bounds.extrema import Extremum
 from elvis.core.data.dataset import Dataset
 from elvis.core.differences.greatest import (
@@ -160,10 +161,7 @@ class Differences(Sequence[Difference]):
         ]
 
     def __repr__(self) -> str:
-        rows = [HEADERS, *self.cells()]
-        widths = [max(len(row[column]) for row in rows) for column in range(len(HEADERS))]
-        lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
-        return "\n".join(line.rstrip() for line in lines)
+        return "\n".join(aligned([HEADERS, *self.cells()], len(HEADERS) * [False]))
 
 
 #: headers of the columns of a table

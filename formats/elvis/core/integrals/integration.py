@@ -11,7 +11,7 @@ import numpy as np
 from elvis.core.base.errors import ElvisError
 from elvis.core.base.ranks import ALONE, Ranks
 from elvis.core.base.rounded_up import rounded_up
-from elvis.core.base.terminal import Progress
+from elvis.core.base.terminal import Progress, aligned
 from elvis.core.data.axis_planes import needs_box
 from elvis.core.data.dataset import Dataset
 from elvis.core.deformed.isometries import Isometry
@@ -141,10 +141,7 @@ class Integrals(Sequence[Integral]):
         return [(r.over, r.integrand, f"{r.value:.15g}", _error(r), f"{r.measure:.10g}") for r in self]
 
     def __repr__(self) -> str:
-        rows = [self.headers, *self.cells()]
-        widths = [max(len(row[column]) for row in rows) for column in range(len(self.headers))]
-        lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
-        return "\n".join(line.rstrip() for line in lines)
+        return "\n".join(aligned([self.headers, *self.cells()], len(self.headers) * [False]))
 
 
 class IntegralsOfTwoOrders(Integrals):
