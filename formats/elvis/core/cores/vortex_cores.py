@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,12 +13,12 @@ from elvis.core.cores.finding import CoreArcs, CoreLimits, core_arcs
 from elvis.core.cores.joining import Course, WorldArc
 from elvis.core.cores.outer_sides import OuterSides
 from elvis.core.cores.parallel import ParallelVectors, rotations
-from elvis.core.data import describing
 from elvis.core.data.dataset import Dataset
 from elvis.core.files.columns import Columns
 from elvis.core.quantities.elements.points import ElementPoints
 from elvis.core.quantities.expression import Expression, column_expressions
 from elvis.core.quantities.names import Names
+from elvis.core.streamlines.lines.point_lines import PointLines
 from elvis.core.streamlines.neighbours import Neighbours
 
 #: kinds of ends of lines, with their meaning; names of boundaries follow
@@ -33,7 +33,7 @@ _TAKEN = ("line", "offsets", "points", "length", "element", "velocity", "swirl",
 
 
 @dataclass(frozen=True, eq=False)
-class VortexCores:
+class VortexCores(PointLines):
     """Core lines of vortices, each directed so that the flow turns right-handed about it.
 
     offsets    (n+1,)  line i has the points offsets[i] to offsets[i+1]; a closed one its first point twice
@@ -62,23 +62,12 @@ class VortexCores:
     undecided: tuple[int, ...]
     near_rest: tuple[int, ...]
 
-    def __len__(self) -> int:
-        return len(self.first)
+    MEANINGS = ENDS
+    AT_POINTS = ("length", "element", "velocity", "swirl")
 
     def __repr__(self) -> str:
         left = f"; {len(self.undecided)} elements undecided" if self.undecided else ""
         return f"<VortexCores: {len(self)} lines, {len(self.points)} points{left}>"
-
-    def _repr_html_(self) -> str:
-        """The points of the first and last lines as notebooks show them."""
-        return describing.table_of_columns(self.columns(), repr(self))
-
-    def __getitem__(self, line: int) -> Floats:
-        """(k, 3) the points of a line."""
-        if not -len(self) <= line < len(self):
-            raise IndexError(f"expected the number of one of {len(self)} lines, found {line}")
-        line %= len(self)
-        return self.points[self.offsets[line] : self.offsets[line + 1]]
 
     @property
     def closed(self) -> Bools:
@@ -90,29 +79,13 @@ class VortexCores:
         """(n,) of lines."""
         return np.asarray(self.length[self.offsets[1:] - 1])
 
-    def counts(self) -> dict[str, int]:
-        """Number of ends of lines of each kind that occurs; closed lines count once."""
-        numbers = np.bincount(self.last, minlength=len(self.ends))
-        numbers += np.bincount(self.first[~self.closed], minlength=len(self.ends))
-        return {name: int(number) for name, number in zip(self.ends, numbers, strict=True) if number}
-
-    def table(self) -> Iterator[tuple[str, str, int]]:
-        """The name, the meaning and the number of each kind of end."""
-        for name, count in self.counts().items():
-            yield name, ENDS.get(name, "left the domain through this boundary"), count
-
-    def at_points(self) -> Columns:
-        """Arrays (m,) and (m, 3) by name: length, element, velocity, swirl, quantities."""
-        own = {name: getattr(self, name) for name in ("length", "element", "velocity", "swirl")}
-        return {**own, **self.values}
+    def end_numbers(self) -> Ints:
+        """(k,) both ends of each line; closed lines count once."""
+        return np.concatenate([self.last, self.first[~self.closed]])
 
     def columns(self) -> Columns:
         """Arrays (m,) by name, one row per point: line, x, y, z, length, element, velocity_x, …, swirl, quantities."""
-        line = np.repeat(np.arange(len(self)), np.diff(self.offsets))
-        places = dict(zip("xyz", self.points.T, strict=True))
-        parts = {f"velocity_{axis}": own for axis, own in zip("xyz", self.velocity.T, strict=True)}
-        along = {"length": self.length, "element": self.element}
-        return {"line": line, **places, **along, **parts, "swirl": self.swirl, **self.values}
+        return {"line": self.line_of_points(), **self.coordinates(), **self.values}
 
     def of_lines(self) -> Columns:
         """Arrays (n,) by name: how lines begin and end."""

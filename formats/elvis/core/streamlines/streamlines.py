@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from elvis.core.base.arrays import Floats, Ints
 from elvis.core.base.errors import ElvisError
 from elvis.core.base.rows import Rows
-from elvis.core.data import describing
 from elvis.core.files.columns import Columns
 from elvis.core.quantities.expression import Expression, column_expressions
 from elvis.core.streamlines.course import SPACING, Course, Flow, MakeTracer, components_of, positive
 from elvis.core.streamlines.endings import CLIPPED, WORDS, End, end_names
 from elvis.core.streamlines.flow_data import FlowSource, flow_data
+from elvis.core.streamlines.lines.point_lines import PointLines
 from elvis.core.streamlines.lines.steps import Piece, points_within
 from elvis.core.streamlines.stretching import Stretching, slope_expressions
 from elvis.core.streamlines.tracer import Tracer
@@ -42,7 +42,7 @@ _MOST_POINTS = 20_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class TracedLines:
+class TracedLines(PointLines):
     """Lines along a velocity.
 
     offsets   (n+1,) line i has the points offsets[i] to offsets[i+1]; empty if its seed is outside
@@ -70,50 +70,25 @@ class TracedLines:
     values: Mapping[str, Floats]
     ftle: Floats | None = None
 
-    def __len__(self) -> int:
-        return len(self.seed)
+    MEANINGS: ClassVar = dict([*WORDS.values(), CLIPPED])
+    AT_POINTS = _AT_POINTS
 
     def __repr__(self) -> str:
         found = ", ".join(f"{count} {name}" for name, count in self.counts().items())
         return f"<TracedLines: {len(self)} lines, {len(self.points)} points; {found or 'none'}>"
 
-    def _repr_html_(self) -> str:
-        """The points of the first and last lines as notebooks show them."""
-        return describing.table_of_columns(self.columns(), repr(self))
-
-    def __getitem__(self, line: int) -> Floats:
-        """(k, 3) the points of a line."""
-        if not -len(self) <= line < len(self):
-            raise IndexError(f"expected the number of one of {len(self)} lines, found {line}")
-        line %= len(self)
-        return self.points[self.offsets[line] : self.offsets[line + 1]]
-
-    def counts(self) -> dict[str, int]:
-        """Number of lines for each kind of end that occurs."""
-        numbers = np.bincount(self.end, minlength=len(self.ends))
-        return {name: int(number) for name, number in zip(self.ends, numbers, strict=True) if number}
-
-    def table(self) -> Iterator[tuple[str, str, int]]:
-        """The name, the meaning and the number of lines of each kind of end."""
-        meanings = dict([*WORDS.values(), CLIPPED])
-        for name, count in self.counts().items():
-            yield name, meanings.get(name, "left the domain through this boundary"), count
+    def end_numbers(self) -> Ints:
+        """(n,) one end a line."""
+        return self.end
 
     def columns(self) -> Columns:
         """Arrays (m,) by name, one row per point.
 
         Names are line, seed, x, y, z, time, length, element, velocity_x, …, then quantities.
         """
-        line = np.repeat(np.arange(len(self)), np.diff(self.offsets))
-        places = dict(zip("xyz", self.points.T, strict=True))
-        parts = {f"velocity_{axis}": own for axis, own in zip("xyz", self.velocity.T, strict=True)}
-        along = {"time": self.time, "length": self.length, "element": self.element}
+        line = self.line_of_points()
         stretched = {} if self.ftle is None else {"ftle": self.ftle[line]}
-        return {"line": line, "seed": self.seed[line], **places, **along, **parts, **stretched, **self.values}
-
-    def at_points(self) -> Columns:
-        """Arrays (m,) and (m, 3) by name: time, length, element, velocity, quantities."""
-        return {**{name: getattr(self, name) for name in _AT_POINTS}, **self.values}
+        return {"line": line, "seed": self.seed[line], **self.coordinates(), **stretched, **self.values}
 
     def arrays(self) -> Columns:
         """Content of an archive: all arrays by name, the words for ends, and quantities by their names."""

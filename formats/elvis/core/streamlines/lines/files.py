@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 from elvis.core.base.errors import ElvisError
 
 if TYPE_CHECKING:
-    from elvis.core.cores import VortexCores
-    from elvis.core.streamlines import TracedLines
+    from elvis.core.streamlines.lines.point_lines import PointLines
 
 
 def check_suffix(output: Path) -> None:
@@ -20,7 +19,7 @@ def check_suffix(output: Path) -> None:
         raise ElvisError(f"{output}: expected a name that ends in .csv, .npz or .vtp, found {found}")
 
 
-def write_lines(output: Path, found: TracedLines | VortexCores, of_lines: Mapping[str, Any]) -> None:
+def write_lines(output: Path, found: PointLines, of_lines: Mapping[str, Any]) -> None:
     """Write lines, with the facts of each, in the format of the suffix."""
     from elvis.core.files.columns import write_columns
     from elvis.core.files.polydata import write_polylines
