@@ -147,15 +147,9 @@ class Native(Converter):
         return bool((high - low).max() <= _NEAR * max(np.ptp(values), np.abs(values).max()))
 
 
-def _domain(mesh: Mesh) -> list[Composite]:
-    """The composites that make the domain."""
-    known = {composite.id: composite for composite in mesh.composites}
-    return [known[c] for composites in mesh.domains.values() for c in composites if c in known]
-
-
 def _composites_named(mesh: Mesh, names: str) -> list[Composite]:
     """Composites of the domain by names or numbers; raises ElvisError if the domain has none of that name."""
-    domain = _domain(mesh)
+    domain = mesh.domain_composites()
     found = []
     for name in (part.strip() for part in names.split(",")):
         own = [c for c in domain if name in (c.name, str(c.id))]

@@ -26,7 +26,7 @@ from elvis.core.mapping.pointwise import values
 from elvis.core.summary.picturing import Kind
 from elvis.plugins.runtime.opening import PluginData
 from elvis.reference.locating import Locator
-from elvis.reference.places import owners, polish
+from elvis.reference.places import owners, polish, within_periods
 from elvis.reference.scenes.drawing import render as draw
 from elvis.reference.settling import settle_range, supersample
 from elvis.reference.sources import DatasetSource, Source
@@ -106,13 +106,7 @@ def glance(locator: Locator, scene: Scene) -> Bools:
 def points_of_pixels(patches: Sequence[Patch], view: PlaneView) -> tuple[Ints, Floats]:
     """Numbers (n,) and plane points (n, 3) of the pixels that may show something."""
     points = view.points().reshape(-1, 3)
-    possible = np.isfinite(points).all(axis=1)
-
-    # one period of Fourier directions, borders included
-    for axis, length in {period for patch in patches for period in patch.periods}:
-        possible &= np.abs(points[:, axis] - length / 2) <= length * (0.5 + TOLERANCE)
-        points[:, axis] = np.clip(points[:, axis], 0, length)
-    pixels = np.flatnonzero(possible)
+    pixels = within_periods(patches, points)
     return pixels, points[pixels]
 
 

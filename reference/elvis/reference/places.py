@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats
+from elvis.core.base.arrays import Floats, Ints
 from elvis.core.mapping.inverse import Status as InverseStatus
 from elvis.core.mapping.locate import Location
 from elvis.core.mapping.margins import TOLERANCE
@@ -21,6 +21,15 @@ from elvis.scene.model.time_limit import check_time
 
 #: number of points that are located together
 _AT_ONCE = 1 << 12
+
+
+def within_periods(patches: Sequence[Patch], points: Floats) -> Ints:
+    """The points (n, 3) within one period of Fourier directions, borders included, where they are moved onto it."""
+    possible = np.isfinite(points).all(axis=1)
+    for axis, length in {period for patch in patches for period in patch.periods}:
+        possible &= np.abs(points[:, axis] - length / 2) <= length * (0.5 + TOLERANCE)
+        points[:, axis] = np.clip(points[:, axis], 0, length)
+    return np.flatnonzero(possible)
 
 
 def owners(locator: Locator, points: Floats) -> Location:

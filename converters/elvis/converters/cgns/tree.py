@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from elvis.converters.shared.hdf5 import attribute, holds, reading, require, text
+from elvis.converters.shared.hdf5 import attribute, checked_numbers, holds, reading, require, text
 from elvis.core.base.arrays import Floats, Ints
 from elvis.core.base.errors import FormatError
 from elvis.core.files.plain import leading
@@ -97,14 +97,7 @@ class Node(ABC):
         return np.asarray(self._numbers("iuf", shape))
 
     def _numbers(self, kinds: str, shape: tuple[int | None, ...]) -> Any:
-        found = self.array()
-        size = None if found is None else found.shape
-        fits = size is not None and len(size) == len(shape)
-        fits = fits and all(n in (None, m) for n, m in zip(shape, size or (), strict=True))
-        if found is None or found.dtype.kind not in kinds or not fits:
-            what = "nothing" if found is None else f"{found.dtype} of shape {found.shape}"
-            wanted = f"{'whole ' if kinds == 'iu' else ''}numbers of shape ({', '.join(str(n or 'n') for n in shape)})"
-            raise FormatError(f"expected {wanted}, found {what}", place=self.place)
+        found = checked_numbers(self.array(), kinds, shape, self.place)
         return found.astype(found.dtype.newbyteorder("="), copy=False)
 
 

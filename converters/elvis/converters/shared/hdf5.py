@@ -182,9 +182,14 @@ def _member(file: h5py.File, name: str) -> Any:
 
 
 def _numbers(file: h5py.File, name: str, kinds: str, shape: tuple[int | None, ...]) -> Any:
-    found = require(file, name)
-    fits = found.ndim == len(shape) and all(n in (None, m) for n, m in zip(shape, found.shape, strict=True))
-    if found.dtype.kind not in kinds or not fits:
+    return checked_numbers(require(file, name), kinds, shape, name)
+
+
+def checked_numbers(found: Any, kinds: str, shape: tuple[int | None, ...], place: str) -> Any:
+    """An array or dataset, if it has the shape, None for any length, and a type of ``kinds``; else a FormatError."""
+    fits = found is not None and found.ndim == len(shape) and found.dtype.kind in kinds
+    if not fits or any(n not in (None, m) for n, m in zip(shape, found.shape, strict=True)):
         expected = f"{'whole ' if kinds == 'iu' else ''}numbers of shape ({', '.join(str(n or 'n') for n in shape)})"
-        raise FormatError(f"expected {expected}, found {found.dtype} of shape {found.shape}", place=name)
+        what = "nothing" if found is None else f"{found.dtype} of shape {found.shape}"
+        raise FormatError(f"expected {expected}, found {what}", place=place)
     return found

@@ -23,19 +23,19 @@ from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.polynomials.net_zeros import (
     BEYOND,
     derivatives,
-    divided,
     has_no_zero,
     inverses,
     is_injective,
     newton_zeros,
+    without_walls,
 )
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.shapes import Shape
 
 #: maximum bisections, in general and next to outer sides, where zeros are expected
 _DEPTH, _DEPTH_BESIDE = 14, 7
-#: tolerance for a zero on a side, and rounding of nets, relative to the element's largest coefficient
-_ZERO, _ROUNDING = 1e-11, 1e-13
+#: rounding of nets, relative to the element's largest coefficient
+_ROUNDING = 1e-13
 #: number of boxes of an element, after some bisections, that indicates a line or a surface of zeros
 _CROWD = 64
 
@@ -141,19 +141,7 @@ class ZeroSearch(ABC):
 
         The upper side of a pyramid's box is its apex, noted as a zero unless a side that it belongs to is one.
         """
-        d, degree = boxes.low.shape[1], self.degree
-        nets, on_side = boxes.nets.copy(), np.zeros((len(boxes.rows), d, 2), bool)
-        sizes = boxes.rounding.max(axis=1, initial=0.0) / _ROUNDING
-        for axis in range(d):
-            for end in (0, 1):
-                moved = np.moveaxis(nets, 2 + axis, -1)
-                moved = moved[..., ::-1] if end else moved
-                rest = (
-                    np.abs(moved[..., 0]).reshape(len(nets), d * (degree + 1) ** (d - 1)).max(axis=1) <= _ZERO * sizes
-                )
-                on_side[:, axis, end] = rest
-                quotient = divided(moved[rest], degree)
-                nets[rest] = np.moveaxis(quotient[..., ::-1] if end else quotient, -1, 2 + axis)
+        nets, on_side = without_walls(boxes.nets, boxes.rounding.max(axis=1, initial=0.0) / _ROUNDING)
         if self.shape is Shape.PYRAMID:
             alone = on_side[:, -1, 1] & ~on_side[:, :-1].any(axis=(1, 2))
             self._note(boxes.rows[alone], reference(np.tile([0.5, 0.5, 1.0], (int(alone.sum()), 1))))

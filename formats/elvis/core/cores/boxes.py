@@ -13,13 +13,13 @@ from elvis.core.base.bounded_cache import bounded_cache
 from elvis.core.base.rows import Rows
 from elvis.core.polynomials.bernstein import line_tables
 from elvis.core.polynomials.boxnets import nets_through
-from elvis.core.polynomials.net_zeros import divided
+from elvis.core.polynomials.net_zeros import without_walls
 from elvis.core.polynomials.quadrature import gauss
 
 #: rounding of nets, relative to their largest coefficients
 _ROUNDING = 1e-13
-#: tolerance for zero on a side, relative to the largest coefficient
-_ZERO, _AT_REST = 1e-11, 1e-7
+#: velocity relative to the largest coefficient that counts as rest
+_AT_REST = 1e-7
 #: approximate number of floats of nets processed at once
 _AT_ONCE = 1 << 19
 
@@ -55,11 +55,11 @@ class Boxes(Rows):
     @staticmethod
     def whole(rows: Ints, above: Floats, gradient: Floats, least: Floats, is_turned: bool) -> Boxes:
         """All of the cell of elements, from nets of velocity and gradient; crossed with acceleration or rotation."""
-        above = _without_walls(above)
+        above = without_walls(above, _sizes(above))[0]
         turned = np.empty((len(rows), 0, 1, 1, 1))
         if is_turned:
             turned = combined(_turned, gradient, above)
-            crossed = combined(_cross, above, _without_walls(turned))
+            crossed = combined(_cross, above, without_walls(turned, _sizes(turned))[0])
         else:
             crossed = combined(_cross, above, _rotation(gradient))
         errors = [_ROUNDING * np.abs(net).max(axis=(2, 3, 4), initial=0.0) for net in (crossed, turned)]
@@ -159,21 +159,9 @@ def flat(nets: Floats) -> Floats:
     return nets.reshape(*nets.shape[:2], int(np.prod(nets.shape[2:])))
 
 
-def _without_walls(nets: Floats) -> Floats:
-    """Nets of vectors divided by the heights over sides of boxes where these are zero, as on walls.
-
-    The directions are unchanged, and so are the directions of products with the gradient.
-    """
-    nets = nets.copy()
-    sizes = np.abs(nets).max(axis=(1, 2, 3, 4), initial=0.0)
-    for axis in range(3):
-        for end in (0, 1):
-            moved = np.moveaxis(nets, 2 + axis, -1)
-            moved = moved[..., ::-1] if end else moved
-            rest = np.abs(moved[..., 0]).max(axis=(1, 2, 3), initial=0.0) <= _ZERO * sizes
-            quotient = divided(moved[rest], moved.shape[-1] - 1)
-            nets[rest] = np.moveaxis(quotient[..., ::-1] if end else quotient, -1, 2 + axis)
-    return nets
+def _sizes(nets: Floats) -> Floats:
+    """(k,) the largest coefficients of nets (k, c, …)."""
+    return np.asarray(np.abs(nets).max(axis=(1, 2, 3, 4), initial=0.0))
 
 
 def _halved(nets: Floats, axis: int) -> Floats:

@@ -21,15 +21,14 @@ from elvis.core.distances.boundaries import outer_sides, owners_of_sides
 from elvis.core.mapping.margins import heights
 from elvis.core.mapping.orientation import chunks, local_vertices
 from elvis.core.mapping.patch import Patch
-from elvis.core.polynomials.bernstein import bernstein_space
-from elvis.core.polynomials.boxnets import box_degrees
 from elvis.core.polynomials.net_zeros import BEYOND
 from elvis.core.portions.portion import Portion
 from elvis.core.quantities.elements.points import ElementPoints, Lattice
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
+from elvis.core.quantities.expression_nets import degree_on
 from elvis.core.quantities.levels import same_level
-from elvis.core.quantities.tree import AXES, Node, world_derivative
+from elvis.core.quantities.tree import AXES, world_derivative
 from elvis.core.streamlines.velocity import velocity_expressions
 
 #: elements at once
@@ -164,14 +163,7 @@ def numerator(component: Expression) -> Expression:
 
 def degree_of(expression: Expression, evaluator: Evaluator, patch: Patch) -> int:
     """Degree of a component in each direction of eta, at least 1; raises ElvisError if it is not a polynomial."""
-
-    def leaf(node: Node) -> int | None:
-        if node.op not in ("coordinate", "field") or (node.axes and node.op == "field"):
-            return None
-        own = patch.geometry if node.op == "coordinate" else patch.fields[evaluator.names.index(node.name)]
-        return None if own is None else max(box_degrees(bernstein_space(own)))
-
-    degree = expression.degree(leaf)
+    degree = degree_on(expression, evaluator, patch, is_affine=False)
     if degree is None:
         raise ElvisError(
             f"{expression.text}: expected a component that is zero where a polynomial of fields and coordinates is"

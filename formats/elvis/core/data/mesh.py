@@ -231,6 +231,11 @@ class Mesh:
     def __repr__(self) -> str:
         return describing.line_of_mesh(self)
 
+    def domain_composites(self) -> list[Composite]:
+        """The composites that form the domain."""
+        known = {composite.id: composite for composite in self.composites}
+        return [known[c] for composites in self.domains.values() for c in composites if c in known]
+
     def domain_ids(self) -> Ints:
         """(n,) sorted ids of the elements in the domain; all elements if the mesh has no domain."""
         everything = [entities.ids for entities in self.elements.values()]

@@ -23,6 +23,7 @@ import numpy as np
 from elvis.core.base.arrays import Floats
 from elvis.core.base.rows import Rows
 from elvis.core.integrals.box_discs import RHOS, BoxDiscs
+from elvis.core.integrals.tree_discs import integral_between
 from elvis.core.quantities import discs
 from elvis.core.quantities.intervals import Interval
 from elvis.core.quantities.tree import Node
@@ -96,5 +97,4 @@ def _enclosure(found: BoxDiscs, root: Node, is_exact: bool, volumes: Floats, mea
         volume = 2.0 ** len(found.counts) * volumes
         middle, radius = (np.broadcast_to(part, (len(low), part.shape[1]))[:, 0] for part in found.measure)
         least, most = volume * np.maximum(middle - radius, 0.0), volume * (np.abs(middle) + radius)
-    ends = low * np.where(low < 0, most, least), high * np.where(high > 0, most, least)
-    return np.where(np.isnan(ends[0]), -np.inf, ends[0]), np.where(np.isnan(ends[1]), np.inf, ends[1])
+    return integral_between((low, high), least, most)

@@ -18,7 +18,7 @@ from elvis.core.base.bounded_cache import bounded_cache
 from elvis.core.integrals.degrees import DegreeRules
 from elvis.core.integrals.disc_algebra import determinant, enclosed, minor
 from elvis.core.integrals.eta_boxes import EtaBoxes, to_legendre
-from elvis.core.integrals.tree_discs import ROUNDING, Ball, TreeDiscs, divided
+from elvis.core.integrals.tree_discs import ROUNDING, Ball, TreeDiscs, divided, interval_of
 from elvis.core.polynomials.collapse import collapse_jacobian
 from elvis.core.polynomials.jacobi import jacobi
 from elvis.core.quantities import discs
@@ -26,7 +26,6 @@ from elvis.core.quantities.attributes import Attributes, is_constant
 from elvis.core.quantities.discs import Disc
 from elvis.core.quantities.elements.points import ElementPoints
 from elvis.core.quantities.elements.sides import SIDES
-from elvis.core.quantities.functions import function
 from elvis.core.quantities.intervals import Interval
 from elvis.core.quantities.tree import Node, call, fold, number, whole_exponent
 from elvis.core.shapes import Shape
@@ -97,10 +96,7 @@ class BoxDiscs:
                 return middle, middle
             return middle[:, 0] - radius[:, 0], middle[:, 0] + radius[:, 0]
 
-        low, high = fold(root, leaf, lambda node, parts: function(node).interval(*parts))
-        low, high = (np.broadcast_to(end, self.count) for end in (low, high))
-        is_known = ~np.isnan(low) & ~np.isnan(high)
-        return np.where(is_known, low, -np.inf), np.where(is_known, high, np.inf)
+        return interval_of(root, leaf, self.count)
 
     @cached_property
     def measure(self) -> Disc:

@@ -28,6 +28,7 @@ from elvis.core.polynomials.jacobi import jacobi
 from elvis.core.quantities import discs
 from elvis.core.quantities.discs import Disc
 from elvis.core.quantities.functions import function
+from elvis.core.quantities.intervals import Interval
 from elvis.core.quantities.tree import LEAVES, Node, fold, ordered, whole_exponent
 
 #: relative rounding of values of leaves, and of results from them
@@ -293,3 +294,18 @@ def _common(parts: list[Value]) -> Ints:
 def _column(flags: Any) -> Any:
     """(n, 1) of flags (n,), or one flag."""
     return flags[:, None] if np.ndim(flags) else flags
+
+
+def interval_of(root: Node, leaf: Callable[[Node], Interval], count: int) -> Interval:
+    """Bounds (count,) of an expression from the bounds of its leaves; infinite if unknown."""
+    low, high = fold(root, leaf, lambda node, parts: function(node).interval(*parts))
+    low, high = (np.broadcast_to(end, count) for end in (low, high))
+    is_known = ~np.isnan(low) & ~np.isnan(high)
+    return np.where(is_known, low, -np.inf), np.where(is_known, high, np.inf)
+
+
+def integral_between(values: Interval, least: Floats, most: Floats) -> Interval:
+    """Bounds (n,) of integrals over boxes of measures from ``least`` to ``most``, from bounds of the integrand."""
+    low, high = values
+    low, high = low * np.where(low < 0, most, least), high * np.where(high > 0, most, least)
+    return np.where(np.isnan(low), -np.inf, low), np.where(np.isnan(high), np.inf, high)

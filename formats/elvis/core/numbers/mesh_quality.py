@@ -31,6 +31,7 @@ from elvis.core.quantities.attributes import Attributes
 from elvis.core.quantities.elements.points import Lattice
 from elvis.core.quantities.evaluator import Evaluator
 from elvis.core.quantities.expression import Expression
+from elvis.core.shapes import Shape
 from elvis.core.streamlines.velocity import velocity_expressions
 
 #: numbers of values at points that are held together
@@ -132,7 +133,8 @@ def _parts(evaluator: Evaluator, velocity: list[Expression], patch: Patch) -> It
         lattice = Lattice(plain, numbers, points)
         found = _shape_measures(attributes, plain, lattice, len(points))
         found["h"] = attributes.constant("h", patch.shape, patch.element_ids[rows])
-        found["edge_ratio"] = _edge_ratios(patch, rows)
+        corners = evaluate(patch.geometry, patch.geometry_coefficients[rows], patch.shape.vertices)
+        found["edge_ratio"] = edge_ratios(patch.shape, np.swapaxes(corners, 1, 2))
         if has_velocity:
             found["time_step"] = _time_steps(evaluator, velocity, patch, numbers, points)
         yield found
@@ -144,22 +146,23 @@ def _shape_measures(attributes: Attributes, patch: Patch, lattice: Lattice, coun
     def at_points(name: str) -> Floats:
         return attributes.at(name, patch, lattice.rows, lattice.points).reshape(-1, count)
 
-    determinants = at_points("jacobian")
-    low, high = determinants.min(axis=1), determinants.max(axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.where(high > 0, low / high, np.where(low < 0, -np.inf, 0.0))
     return {
         "quality": at_points("quality").min(axis=1),
         "scaled_jacobian": at_points("scaled_jacobian").min(axis=1),
-        "jacobian_ratio": ratio,
+        "jacobian_ratio": jacobian_ratios(at_points("jacobian")),
         "places": lattice.positions.reshape(-1, count, 3).mean(axis=1),
     }
 
 
-def _edge_ratios(patch: Patch, rows: slice) -> Floats:
-    """(n,) the longest distance between ends of an edge divided by the shortest."""
-    shape = patch.shape
-    corners = np.swapaxes(evaluate(patch.geometry, patch.geometry_coefficients[rows], shape.vertices), 1, 2)
+def jacobian_ratios(determinants: Floats) -> Floats:
+    """(n,) the smallest of determinants (n, k) divided by the largest; -inf if all are negative."""
+    low, high = determinants.min(axis=1), determinants.max(axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(high > 0, low / high, np.where(low < 0, -np.inf, 0.0))
+
+
+def edge_ratios(shape: Shape, corners: Floats) -> Floats:
+    """(n,) the longest distance between ends of an edge divided by the shortest, of elements with corners (n, v, 3)."""
     ends = np.array(shape.edges if shape.dimension > 1 else [(0, 1)])
     lengths = np.linalg.norm(corners[:, ends[:, 1]] - corners[:, ends[:, 0]], axis=2)
     with np.errstate(divide="ignore"):

@@ -7,6 +7,8 @@ import numpy as np
 from elvis.core.base.arrays import Bools, Floats
 from elvis.core.polynomials.bernstein import line_tables
 
+#: tolerance for a zero on a side
+_ZERO = 1e-11
 #: steps of Newton's method, the last one's length, and how far beyond a box its zero may seem to be
 _STEPS, _SHORT, BEYOND = 12, 1e-13, 1e-9
 
@@ -19,6 +21,28 @@ def divided(nets: Floats, degree: int) -> Floats:
     before = np.concatenate([lower[..., :1], lower], axis=-1)
     after = np.concatenate([lower, lower[..., -1:]], axis=-1)
     return np.asarray(part * before + (1 - part) * after)
+
+
+def without_walls(nets: Floats, sizes: Floats) -> tuple[Floats, Bools]:
+    """Nets of vectors divided by the heights over sides of boxes where these are zero, as on walls.
+
+    The directions of the vectors are unchanged, and so are those of products with the gradient.
+
+    sizes  (k,) largest coefficients, to which zeros are relative
+
+    Returns the nets, and (k, d, 2) whether all components are zero on the lower and upper side along each axis.
+    """
+    d, degree = nets.ndim - 2, nets.shape[-1] - 1
+    nets, on_side = nets.copy(), np.zeros((len(nets), d, 2), bool)
+    for axis in range(d):
+        for end in (0, 1):
+            moved = np.moveaxis(nets, 2 + axis, -1)
+            moved = moved[..., ::-1] if end else moved
+            rest = np.abs(moved[..., 0]).max(axis=tuple(range(1, d + 1)), initial=0.0) <= _ZERO * sizes
+            on_side[:, axis, end] = rest
+            quotient = divided(moved[rest], degree)
+            nets[rest] = np.moveaxis(quotient[..., ::-1] if end else quotient, -1, 2 + axis)
+    return nets, on_side
 
 
 def has_no_zero(nets: Floats, rounding: Floats) -> Bools:

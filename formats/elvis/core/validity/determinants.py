@@ -13,12 +13,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import comb, prod
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, frozen_floats
-from elvis.core.base.bounded_cache import bounded_cache
+from elvis.core.base.arrays import Floats
 from elvis.core.data.dataset import Expansion
 from elvis.core.polynomials.bernstein import (
     BernsteinSpace,
@@ -30,6 +28,7 @@ from elvis.core.polynomials.bernstein import (
 )
 from elvis.core.polynomials.rounding import UNIT, coefficient_roundings, gamma
 from elvis.core.polynomials.row_products import row_products
+from elvis.core.polynomials.weights import weights
 from elvis.core.shapes import TENSOR, Shape
 
 #: coefficients of products that are summed together: they stay in the processor's cache
@@ -68,10 +67,10 @@ class Polynomials:
         degrees = tuple(a + b for a, b in zip(self.space.degrees, other.space.degrees, strict=True))
         space = BernsteinSpace(self.space.shape, degrees)
         long, short = sorted((self, other), key=lambda each: -each.space.count)
-        scaled, factors = (each.net * _weights(each.space)[:, None] for each in (long, short))
+        scaled, factors = (each.net * weights(each.space)[:, None] for each in (long, short))
         sums = _lattice_sums if self.space.shape in TENSOR else _sums
         net = sums(space, (long.space, scaled), (short.space, factors))
-        net /= _weights(space)[:, None]
+        net /= weights(space)[:, None]
 
         # each coefficient sums at most as many products as the shorter factor has coefficients
         a, b = self.magnitude, other.magnitude
@@ -171,24 +170,3 @@ def _divide(space: BernsteinSpace, nets: Floats, errors: Floats) -> tuple[Bernst
     scale = r / (r - np.arange(r))
     divided = (layers[:, :, :r] * scale[:, None]).reshape(*nets.shape[:2], -1)
     return BernsteinSpace(space.shape, (p, q, r - 1)), divided, r * errors
-
-
-@bounded_cache
-def _weights(space: BernsteinSpace) -> Floats:
-    """(count,) the binomial or multinomial number that each function of the space has as a factor."""
-    powers, degrees = space.powers, space.degrees
-    if space.shape in (Shape.TRIANGLE, Shape.TETRAHEDRON):
-        return frozen_floats([_multinomial(degrees[0], row) for row in powers.tolist()])
-    if space.shape is Shape.PRISM:
-        rows = [_multinomial(degrees[0], [i, k]) * comb(degrees[1], j) for i, j, k in powers.tolist()]
-        return frozen_floats(rows)
-    rows = [float(prod(comb(p, i) for p, i in zip(degrees, row, strict=True))) for row in powers.tolist()]
-    return frozen_floats(rows)
-
-
-def _multinomial(degree: int, powers: list[int]) -> float:
-    result = 1
-    for power in powers:
-        result *= comb(degree, power)
-        degree -= power
-    return float(result)

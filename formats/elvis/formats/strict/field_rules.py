@@ -75,7 +75,7 @@ def expansion_findings(dataset: Dataset, rules: Sequence[ExpansionRule], needed:
     if not rules:
         yield library_rule(_PLACE, "expected rules for the composites of the domain, found none")
         return
-    for composite in _in_domain(dataset.mesh):
+    for composite in dataset.mesh.domain_composites():
         own = [rule for rule in rules if composite.id in rule.composites]
         if not own:
             yield library_rule(_PLACE, f"expected a rule for composite {composite.id} of the domain, found none")
@@ -89,15 +89,9 @@ def needed_modes(dataset: Dataset, sections: Sequence[Section]) -> Needed:
         (composite.id, field.name): _modes(
             dataset.mesh, composite, [section for section in sections if field.name in section.space.names]
         )
-        for composite in _in_domain(dataset.mesh)
+        for composite in dataset.mesh.domain_composites()
         for field in dataset.fields
     }
-
-
-def _in_domain(mesh: Mesh) -> list[Composite]:
-    """The composites that form the domain."""
-    known = {composite.id: composite for composite in mesh.composites}
-    return [known[c] for composites in mesh.domains.values() for c in composites if c in known]
 
 
 def _on_composite(composite: Composite, name: str, rules: Sequence[ExpansionRule], needed: int) -> Iterator[Finding]:

@@ -17,6 +17,7 @@ from elvis.core.mapping.orientation import even_chunks
 from elvis.core.mapping.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients
 from elvis.core.polynomials.rounding import UNIT
+from elvis.core.polynomials.weights import weights
 from elvis.core.quantities import Expression
 from elvis.core.quantities.attributes import Attributes, is_constant
 from elvis.core.quantities.cells import Cells
@@ -32,7 +33,6 @@ from elvis.plugins.native.rounding import expression_rounding, field_rounding, o
 from elvis.plugins.native.slopes import ElementSlopes, has_slopes
 from elvis.plugins.native.solving import Solver
 from elvis.plugins.native.waves import waves
-from elvis.plugins.native.weights import weights
 from elvis.plugins.runtime.distances import buffers_of
 from elvis.plugins.runtime.formulas import Formula, facets_of, ideal_of, is_continuous, is_distance
 from elvis.plugins.runtime.volume import Enclosure, LevelSeries, Part, Quantity, SlopeBounds

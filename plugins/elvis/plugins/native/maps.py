@@ -14,7 +14,7 @@ from elvis.core.base.threads import Once
 from elvis.core.mapping.boxes import Boxes, element_boxes
 from elvis.core.mapping.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients, to_bernstein
-from elvis.plugins.native.weights import weights
+from elvis.core.polynomials.weights import weights
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,10 +23,10 @@ from elvis.core.data.dataset import Expansion
 from elvis.core.mapping.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients, bernstein_space, differentiate
 from elvis.core.polynomials.rounding import UNIT, coefficient_rounding
+from elvis.core.polynomials.weights import weights
 from elvis.core.quantities.attributes import Attributes, is_constant
 from elvis.core.quantities.tree import Node, field, fold
 from elvis.core.shapes import Shape
-from elvis.plugins.native.weights import weights
 
 #: coefficients of one element, beyond which a formula is quicker
 MOST_COEFFICIENTS = 5000

@@ -10,7 +10,7 @@ from elvis.core.mapping.locate import Location
 from elvis.core.mapping.margins import TOLERANCE
 from elvis.reference.baseline.tracing import Tracer
 from elvis.reference.locating import Locator
-from elvis.reference.places import owners, polish
+from elvis.reference.places import owners, polish, within_periods
 from elvis.reference.scenes.crossings import Crossings
 from elvis.reference.surfaces import gradients, triangles
 from elvis.scene import Cone, Cylinder, Plane, Sphere, Surface, TriangleMesh, unit
@@ -27,20 +27,11 @@ def cut_crossings(locator: Locator, surface: Surface, view: View) -> Crossings:
     pixel, depth, normal = surface_hits(surface, view)
     origins, directions = view.rays_of(pixel)
     points = origins + depth[:, None] * directions
-    possible = _within(locator, points)
+    possible = within_periods(locator.patches, points)
     pixel, depth, normal, points = pixel[possible], depth[possible], normal[possible], points[possible]
     found = owners(locator, points)
     polish(locator.patches, found, points)
     return Crossings.concatenate([_locate_points(found, pixel, depth, normal)])
-
-
-def _within(locator: Locator, points: Floats) -> Ints:
-    """The points (n, 3) that may be in an element: all except those outside one period of Fourier directions."""
-    possible = np.isfinite(points).all(axis=1)
-    for axis, length in {period for patch in locator.patches for period in patch.periods}:
-        possible &= np.abs(points[:, axis] - length / 2) <= length * (0.5 + TOLERANCE)
-        points[:, axis] = np.clip(points[:, axis], 0, length)
-    return np.flatnonzero(possible)
 
 
 def _locate_points(found: Location, pixel: Ints, depth: Floats, normal: Floats) -> Crossings:

@@ -29,7 +29,7 @@ from elvis.core.integrals.graph_discs import PartDiscs
 from elvis.core.integrals.graph_orders import greatest, turned
 from elvis.core.integrals.subcells import subcell_map
 from elvis.core.integrals.taylor import taylor
-from elvis.core.integrals.tree_discs import Ball, TreeDiscs
+from elvis.core.integrals.tree_discs import Ball, TreeDiscs, interval_of
 from elvis.core.mapping.patch import Patch
 from elvis.core.polynomials.bernstein import bernstein_space
 from elvis.core.polynomials.boxnets import box_degrees, nets_through
@@ -39,7 +39,6 @@ from elvis.core.quantities.discs import Disc
 from elvis.core.quantities.elements.points import Lattice
 from elvis.core.quantities.elements.sides import SIDES
 from elvis.core.quantities.expression_nets import lattice_of, places_of
-from elvis.core.quantities.functions import function
 from elvis.core.quantities.intervals import Interval
 from elvis.core.quantities.tree import Node, coordinate, field, fold, whole_exponent
 from elvis.core.shapes import Shape
@@ -130,7 +129,7 @@ class CellNets:
             nets = self.nets(node).reshape(len(self), -1)
             return nets.min(axis=1), nets.max(axis=1)
 
-        return _interval(root, leaf, len(self))
+        return interval_of(root, leaf, len(self))
 
     @cached_property
     def longest(self) -> Floats:
@@ -222,7 +221,7 @@ class LevelDiscs:
                 return middle - radius, middle + radius
             return middle[:, 0] - radius[:, 0], middle[:, 0] + radius[:, 0]
 
-        return _interval(root, leaf, len(self.rows))
+        return interval_of(root, leaf, len(self.rows))
 
     @cached_property
     def volume(self) -> Disc:
@@ -423,11 +422,3 @@ def _product(matrices: Floats, vector: Sequence[Disc]) -> list[Disc]:
         ]
         found.append(reduce(discs.plus, terms))
     return found
-
-
-def _interval(root: Node, leaf: Callable[[Node], Interval], count: int) -> Interval:
-    """Bounds (count,) of an expression from the bounds of its leaves; infinite if unknown."""
-    low, high = fold(root, leaf, lambda node, parts: function(node).interval(*parts))
-    low, high = (np.broadcast_to(end, count) for end in (low, high))
-    is_known = ~np.isnan(low) & ~np.isnan(high)
-    return np.where(is_known, low, -np.inf), np.where(is_known, high, np.inf)

@@ -28,6 +28,7 @@ from elvis.core.integrals.graph_discs import MOVED, RHOS, GraphParts, PartDiscs,
 from elvis.core.integrals.graph_orders import greatest, turned
 from elvis.core.integrals.levels.boxes import LevelBoxes
 from elvis.core.integrals.levels.discs import CellNets, LevelDiscs, is_bounded
+from elvis.core.integrals.tree_discs import integral_between
 from elvis.core.quantities import discs
 from elvis.core.quantities.attributes import Attributes
 from elvis.core.quantities.discs import Disc
@@ -205,15 +206,13 @@ def _summed(values: Floats, box: Ints, count: int) -> Floats:
 
 def _enclosure(whole: LevelDiscs, ends: Interval, boxes: LevelBoxes, nets: Floats) -> Interval:
     """Smallest and largest integral (n,) over boxes, from smallest and largest values of the integrand."""
-    low, high = ends
     if not boxes.is_filled:
         most = _largest(ends) * _extent(whole, boxes, nets)
         return -most, most
     middle, radius = (part[:, 0] for part in np.broadcast_arrays(*whole.volume))
     largest = np.abs(middle) + radius
     least = np.where(boxes.is_whole & ~boxes.is_lost, np.maximum(np.abs(middle) - radius, 0.0), 0.0)
-    found = low * np.where(low < 0, largest, least), high * np.where(high > 0, largest, least)
-    return np.where(np.isnan(found[0]), -np.inf, found[0]), np.where(np.isnan(found[1]), np.inf, found[1])
+    return integral_between(ends, least, largest)
 
 
 def _extent(whole: LevelDiscs, boxes: LevelBoxes, nets: Floats) -> Floats:

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats
 from elvis.core.base.errors import ElvisError
 from elvis.core.mapping.orientation import chunks
 from elvis.core.mapping.projections import rule
-from elvis.core.numbers.mesh_quality import MeshQuality
+from elvis.core.numbers.mesh_quality import MeshQuality, edge_ratios, jacobian_ratios
 from elvis.plugins.runtime.host.evaluation import HostEvaluation, host_evaluations, mean_ratios, scaled_determinants
 from elvis.plugins.runtime.opening import PluginData, call_plugin
 
@@ -52,23 +52,11 @@ def _parts(host: HostEvaluation) -> Iterator[dict[str, Floats]]:
         every_row, every_point = np.repeat(rows, len(points)), np.tile(points, (len(rows), 1))
         jacobians = host.derivatives(every_row, every_point)[0][:, :d]
         determinants = np.linalg.det(jacobians).reshape(len(rows), -1)
-        low, high = determinants.min(axis=1), determinants.max(axis=1)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = np.where(high > 0, low / high, np.where(low < 0, -np.inf, 0.0))
         yield {
             "quality": mean_ratios(host.shape, jacobians).reshape(len(rows), -1).min(axis=1),
             "scaled_jacobian": scaled_determinants(jacobians).reshape(len(rows), -1).min(axis=1),
-            "jacobian_ratio": ratio,
-            "edge_ratio": _edge_ratios(host, rows),
+            "jacobian_ratio": jacobian_ratios(determinants),
+            "edge_ratio": edge_ratios(host.shape, host.positions(rows, host.shape.vertices)),
             "h": np.abs(determinants @ weights) ** (1 / d),
             "places": host.positions(rows, points).mean(axis=1),
         }
-
-
-def _edge_ratios(host: HostEvaluation, rows: Ints) -> Floats:
-    """(n,) the longest distance between ends of an edge divided by the shortest."""
-    corners = host.positions(rows, host.shape.vertices)
-    ends = np.array(host.shape.edges)
-    lengths = np.linalg.norm(corners[:, ends[:, 1]] - corners[:, ends[:, 0]], axis=2)
-    with np.errstate(divide="ignore"):
-        return np.asarray(lengths.max(axis=1) / lengths.min(axis=1))
