@@ -11,6 +11,7 @@ from numpy.polynomial import chebyshev
 from elvis.core.base.arrays import Bools, Floats, Ints
 from elvis.core.chebyshev_models import model as models
 from elvis.core.chebyshev_models import modelled_boxes
+from elvis.core.chebyshev_models.box_series import BoxSeries
 from elvis.core.chebyshev_models.derivative_series import DerivativeSeries, derivatives_in
 from elvis.core.chebyshev_models.expression_models import BoxLeaves, errors_in_eighths, has_models, model_of
 from elvis.core.chebyshev_models.level_search import LevelSearch
@@ -21,6 +22,7 @@ from elvis.core.chebyshev_models.series import (
     ROOM,
     along_axes,
     bounds_in_eighths,
+    magnitudes_of,
     shells_of,
     to_half,
 )
@@ -135,6 +137,11 @@ class Whole:
         """(n,) which of them have only finite numbers."""
         return np.asarray(np.isfinite(self.series).all(axis=(1, 2, 3, 4)))
 
+    @property
+    def maps(self) -> Whole:
+        """The elements without fields."""
+        return Whole(self.series[:, :3])
+
     def boxes(self, rows: Ints, centre: Floats, half: float) -> ModelBoxes:
         """A box of some elements, by bisection."""
         series, place, side = self.series[rows], np.zeros(3), 1.0
@@ -200,7 +207,7 @@ def test_series_stay_within_their_bounds_in_eighths() -> None:
     rng = np.random.default_rng(5)
     powers = np.indices((10, 10, 10)).sum(axis=0)
     series = rng.uniform(-1, 1, (3, 10, 10, 10)) * 0.2**powers
-    mean, reach = bounds_in_eighths(series)
+    mean, reach = bounds_in_eighths(series, magnitudes_of(series))
     for eighth in range(8):
         sides = np.array([eighth >> 2 & 1, eighth >> 1 & 1, eighth & 1])
         s = np.concatenate([rng.uniform(0, 1, (60, 3)), rng.integers(0, 2, (8, 3))]) + sides - 1
@@ -348,10 +355,11 @@ def test_models_are_good_within_their_part_of_the_range(remainder: float, share:
     coefficients = np.zeros((2, 3, 3, 3))
     coefficients[0, 1, 0, 0] = 1.0
     lacking = np.zeros((ORDERS, 2))
+    series = BoxSeries.of(coefficients)
     nowhere = None, np.zeros(2, int), np.zeros((2, 3)), np.ones(2)
-    boxes = modelled_boxes.ModelledBoxes(*nowhere, coefficients, lacking, np.zeros(2), None, np.zeros((2, 1, 8)))
+    boxes = modelled_boxes.ModelledBoxes(*nowhere, series, lacking, np.zeros(2), None, np.zeros((2, 1, 8)))
     assert boxes.is_good.all()
-    limit = modelled_boxes.MODEL_PART * boxes.range[0]
+    limit = modelled_boxes.MODEL_PART * boxes.series.range[0]
     lacking[:, 0] = remainder * limit / modelled_boxes.lacking(np.ones((ORDERS, 1)))
     assert boxes.is_within(share).tolist() == [is_within, True]
 
@@ -361,10 +369,24 @@ def test_derivatives_of_conditions_halve_with_their_boxes() -> None:
     coefficients = np.zeros((1, 3, 3, 3))
     coefficients[0, 1, 0, 0], coefficients[0, 0, 1, 0], coefficients[0, 0, 0, 1] = 3.0, -2.0, 1.0
     nothing = np.zeros(1)
-    condition = modelled_boxes.Condition(coefficients, nothing, np.array([6.0]), nothing)
+    condition = modelled_boxes.Condition(BoxSeries.of(coefficients), nothing, np.array([6.0]), nothing)
     for axis in range(3):
         condition = condition.on_side(axis, 1)
     condition = condition.halved()
-    linear = condition.coefficients.copy()
+    linear = condition.series.coefficients.copy()
     linear[0, 0, 0, 0] = 0.0
     assert condition.steepness == np.abs(linear).sum() == 3.0
+
+
+def test_shortened_conditions_count_their_dropped_terms() -> None:
+    """Terms are dropped while they are at most a share of the range; they are bounds of the error from then on."""
+    series, nothing = random_series(3, 8, 13)[:, 3], np.zeros(3)
+    condition = modelled_boxes.Condition(BoxSeries.of(series), nothing, nothing, nothing)
+    short = condition.shortened(1e-3)
+    count = short.series.count
+    assert 1 < count < 9
+    assert (short.remainder <= 1e-3 * condition.series.range).all()
+    dropped = series.copy()
+    dropped[:, :count, :count, :count] = 0.0
+    assert np.allclose(short.remainder, np.abs(dropped).sum(axis=(1, 2, 3)), rtol=1e-12, atol=0)
+    assert condition.shortened(0.0) is condition

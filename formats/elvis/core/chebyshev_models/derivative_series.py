@@ -79,6 +79,11 @@ class DerivativeSeries:
         """(n,) which elements have only finite coefficients."""
         return self.elements.finite
 
+    @property
+    def maps(self) -> DerivativeSeries:
+        """The elements without fields, but with the models of derivatives."""
+        return replace(self, elements=self.elements.maps)
+
     def boxes(self, rows: Ints, centre: Floats, half: float) -> ModelBoxes:
         """The box with this centre (3,) and half side in some elements; derivatives follow the other leaves."""
         boxes = self.elements.boxes(rows, centre, half)

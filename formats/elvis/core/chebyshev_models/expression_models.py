@@ -14,6 +14,7 @@ from elvis.core.chebyshev_models.series import (
     REACH,
     along_axes,
     bounds_in_eighths,
+    magnitudes_of,
     shells_of,
     slopes_of,
     steepness,
@@ -137,7 +138,8 @@ class LeavesOfEighths(BoxLeaves):
 
     def _evaluated(self, leaf: int, orders: tuple[int, ...]) -> ChebyshevModel:
         coefficients, error = self._series(leaf, orders)
-        mean, distance = (own.reshape(-1) for own in bounds_in_eighths(coefficients, REACH))
+        total = magnitudes_of(coefficients)
+        mean, distance = (own.reshape(-1) for own in bounds_in_eighths(coefficients, total, REACH))
         distance = distance + np.repeat(self._remainder(leaf, int(any(orders)))[0], 8)
         none = np.zeros_like(distance)
         bounds = np.abs(mean) + distance
@@ -159,7 +161,6 @@ def model_of(root: Node, leaves_of_boxes: BoxLeaves) -> ChebyshevModel:
 
 def models_of(roots: Sequence[Node], leaves_of_boxes: BoxLeaves) -> list[ChebyshevModel]:
     """The models of expressions on boxes."""
-    like = leaves_of_boxes.value(0)
 
     def leaf(node: Node) -> ChebyshevModel | float:
         if node.op == "number":
@@ -178,7 +179,7 @@ def models_of(roots: Sequence[Node], leaves_of_boxes: BoxLeaves) -> list[Chebysh
         return _RULES[node.op](*operands)
 
     found = fold_all(roots, leaf, inner)
-    return [own if isinstance(own, ChebyshevModel) else constant(like, own) for own in found]
+    return [own if isinstance(own, ChebyshevModel) else constant(leaves_of_boxes.value(0), own) for own in found]
 
 
 def _sum(a: ChebyshevModel | float, b: ChebyshevModel | float) -> ChebyshevModel | float:

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elvis.core.base.arrays import Floats, Ints
+from elvis.core.chebyshev_models.box_series import BoxSeries
 from elvis.core.chebyshev_models.derivative_series import DerivativeSeries, derivatives_in
 from elvis.core.chebyshev_models.expression_models import BoxLeaves, errors_in_eighths, models_of
 from elvis.core.chebyshev_models.model_boxes import (
@@ -30,7 +31,7 @@ from elvis.core.chebyshev_models.series import (
     ROOM,
 )
 from elvis.core.chebyshev_models.series_boxes import SeriesBoxes
-from elvis.core.quantities.tree import Node
+from elvis.core.quantities.tree import Node, leaves
 
 #: bisections of elements' boxes and nodes per direction of the models tried first, in order of increasing cost
 _PLANS = ((0, 12), (0, 16), (1, 10), (1, 12), (1, 14), (1, 16), (2, 12), (2, 14), (2, 16), (3, 12))
@@ -147,8 +148,12 @@ class LevelSearch:
             direct._leaves(self.elements.boxes(rows, centre, half), self.nodes_of_derivatives) for centre in centres
         ]
         most = min(self.count, _NODES_OF_PARTS)
-        elements = DerivativeSeries.of(self.derivatives, found, self.elements, rows, centres, half, most)
-        return replace(self, elements=elements)
+        # fields themselves are only used by some expressions
+        used = set(leaves(*self.roots)) - set(self.derivatives)
+        names = self.names if any(leaf.op == "field" for leaf in used) else ()
+        elements = self.elements if names else self.elements.maps
+        series = DerivativeSeries.of(self.derivatives, found, elements, rows, centres, half, most)
+        return replace(self, elements=series, names=names, errors=self.errors[:, : 3 + len(names)])
 
     def _boxes_of(self, rows: Ints) -> Iterator[ModelBoxes]:
         """All boxes of some elements, in groups with several centres."""
@@ -237,7 +242,8 @@ class LevelSearch:
             in_eighths = np.stack(errors_in_eighths(self.roots, leaves), axis=1)
             excess = np.stack([own.error for own in models], axis=1)[..., None] - in_eighths
         places = boxes, np.arange(len(boxes)), boxes.centre, boxes.half
-        return ModelledBoxes(*places, model.coefficients, model.series_remainder, model.error, condition, excess)
+        series = BoxSeries.of(model.coefficients)
+        return ModelledBoxes(*places, series, model.series_remainder, model.error, condition, excess)
 
     def _local(
         self, models: ModelledBoxes, level: float, vague: list[Places], is_whole: bool = True
@@ -251,7 +257,7 @@ class LevelSearch:
         models = models.part(models.may_hold_in_parts(level))
         if not len(models):
             return
-        misfit, tolerance = models.misfit(self.degree), _LOCAL_PART * models.range
+        misfit, tolerance = models.misfit(self.degree), _LOCAL_PART * models.series.range
         smallest = models.half[0] <= _LEAST_HALF
         is_vague = lacking(models.remainder) > tolerance
         done = (lacking(misfit) <= tolerance) | smallest | (is_vague & is_whole)

@@ -59,7 +59,11 @@ class ChebyshevModel:
     @cached_property
     def shells(self) -> Floats:
         """(n, count) sums of magnitudes of coefficients, by their highest degree."""
-        return shells_of(self.coefficients) if self.known is None else self.known
+        if self.known is not None:
+            return self.known
+        if self.values.shape[-1] == 1:
+            return np.abs(self.values.reshape(-1, 1))
+        return shells_of(self.coefficients)
 
     @cached_property
     def sizes(self) -> Floats:
@@ -150,6 +154,8 @@ def leibniz(first: Floats, second: Floats) -> Floats:
 def _aliased(first: Floats, second: Floats) -> Floats:
     """(ORDERS, n) bounds of what a lattice makes wrong of products of series with these shells (n, count)."""
     count = first.shape[1]
+    if count == 1:
+        return np.zeros((ORDERS, len(first)))
     # sums of first[k] second[count + m - k] for m = 0, 1 ...: the terms whose degrees sum to count + m
     others = second.copy()
     others[:, 0] = 0.0

@@ -54,6 +54,10 @@ class ElementSeries(Protocol):
     def finite(self) -> Bools:
         """(n,) which of them have only finite numbers."""
 
+    @property
+    def maps(self) -> ElementSeries:
+        """The elements without fields."""
+
     def boxes(self, rows: Ints, centre: Floats, half: float) -> ModelBoxes:
         """The box with this centre (3,) and half side in some elements."""
 

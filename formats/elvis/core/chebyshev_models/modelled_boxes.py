@@ -8,20 +8,19 @@ import numpy as np
 
 from elvis.core.base.arrays import Bools, Floats, Ints
 from elvis.core.base.rows import Rows
+from elvis.core.chebyshev_models.box_series import BoxSeries
 from elvis.core.chebyshev_models.model import ChebyshevModel
-from elvis.core.chebyshev_models.model_boxes import EIGHTHS, ModelBoxes, ShapeFacets, eighths_of, half_along
+from elvis.core.chebyshev_models.model_boxes import EIGHTHS, ModelBoxes, ShapeFacets, eighths_of
 from elvis.core.chebyshev_models.series import (
     ORDERS,
     PARTS_ROUNDING,
     ROOM,
     amplification,
-    bounds_in_eighths,
     kernel_rounding,
     on_parts,
     shells_of,
     sizes_of,
     steepness,
-    sum_rounding,
     tails_of,
 )
 from elvis.core.chebyshev_models.series_boxes import SeriesBoxes, world_boxes
@@ -41,7 +40,7 @@ class ModelledBoxes:
     boxes         of the models, with the series of the map
     row           (n,) the box of each part
     centre        (n, 3) and half (n,) of the parts, in the coordinates of the elements' cubes
-    coefficients  (n, count, count, count) of the quantity's series
+    series        of the quantity
     remainder     (ORDERS, n) bounds of its error, and of the error's derivatives in x
     error         (n,) maximum error of computed values of the quantity
     condition     optional: where the level counts
@@ -53,7 +52,7 @@ class ModelledBoxes:
     row: Ints
     centre: Floats
     half: Floats
-    coefficients: Floats
+    series: BoxSeries
     remainder: Floats
     error: Floats
     condition: Condition | None
@@ -69,16 +68,12 @@ class ModelledBoxes:
 
     def part(self, rows: Ints | Bools) -> ModelledBoxes:
         """Some of the parts."""
+        if rows.dtype == np.bool_ and rows.all():
+            return self
         condition = None if self.condition is None else self.condition.part(rows)
         places = self.boxes, self.row[rows], self.centre[rows], self.half[rows]
-        return ModelledBoxes(
-            *places, self.coefficients[rows], self.remainder[:, rows], self.error[rows], condition, self.excess
-        )
-
-    @property
-    def range(self) -> Floats:
-        """(n,) how far the series goes from its mean."""
-        return _range_of(self.coefficients)
+        series = self.series.part(rows)
+        return ModelledBoxes(*places, series, self.remainder[:, rows], self.error[rows], condition, self.excess)
 
     @property
     def is_good(self) -> Bools:
@@ -88,19 +83,18 @@ class ModelledBoxes:
     def is_within(self, share: float) -> Bools:
         """(n,) whether it is at most this share of the tolerated error, or rounding."""
         own = lacking(self.remainder)
-        count = self.coefficients.shape[-1]
+        count = self.series.count
         rounding = amplification(count) * self.error * max(_PIXELS, steepness(count, 1))
-        return np.asarray(own <= np.maximum(share * MODEL_PART * self.range, 2.0 * rounding))
+        return np.asarray(own <= np.maximum(share * MODEL_PART * self.series.range, 2.0 * rounding))
 
     @property
     def is_fair(self) -> Bools:
         """(n,) whether the error of the series suffices for boxes that are not bisected any more."""
-        return np.asarray(lacking(self.remainder) <= _FAIR_PART * self.range)
+        return np.asarray(lacking(self.remainder) <= _FAIR_PART * self.series.range)
 
     def may_hold(self, level: float) -> Bools:
         """(n,) whether the quantity may have the level in a box."""
-        mean = self.coefficients[:, 0, 0, 0]
-        meets = ~(np.abs(mean - level) > self.range + self.remainder[0] + self.error)
+        meets = ~(np.abs(self.series.mean - level) > self.series.range + self.remainder[0] + self.error)
         return np.asarray(meets if self.condition is None else meets & ~self.condition.is_positive)
 
     def may_hold_in_parts(self, level: float) -> Bools:
@@ -115,7 +109,7 @@ class ModelledBoxes:
 
     def _may_hold_in_eighths(self, level: float) -> Bools:
         """(n, 8) whether the quantity may have the level in the eighths of a box."""
-        mean, reach = bounds_in_eighths(self.coefficients)
+        mean, reach = self.series.in_eighths()
         room = (self.remainder[0] + self.error)[:, None]
         meets = ~(np.abs(mean - level) > reach + room)
         if self.condition is not None:
@@ -124,7 +118,7 @@ class ModelledBoxes:
 
     def misfit(self, degree: int) -> Floats:
         """(ORDERS, n) the remainders with the terms beyond a degree."""
-        shells = shells_of(self.coefficients)
+        shells = shells_of(self.series.coefficients)
         shells[:, : degree + 1] = 0.0
         return np.asarray(self.remainder + sizes_of(shells))
 
@@ -133,13 +127,14 @@ class ModelledBoxes:
 
         They are at most a share of the range, also of parts, in which they fade faster than the range.
         """
-        tails = tails_of(shells_of(self.coefficients))
-        dropped = lacking(tails) / self.range[:, None]
+        tails = tails_of(shells_of(self.series.coefficients))
+        dropped = lacking(tails) / self.series.range[:, None]
         count = max(least, int(np.count_nonzero(dropped.max(axis=0) > share)))
+        condition = None if self.condition is None else self.condition.shortened(share)
         if count >= tails.shape[-1]:
-            return self
-        low = np.ascontiguousarray(self.coefficients[:, :count, :count, :count])
-        return replace(self, coefficients=low, remainder=self.remainder + tails[..., count])
+            return replace(self, condition=condition)
+        remainder = self.remainder + tails[..., count]
+        return replace(self, series=self.series.shortened(count), remainder=remainder, condition=condition)
 
     def eighths(self, inside: ShapeFacets, level: float) -> ModelledBoxes:
         """Eighths of all parts that may hold a level and lie in their elements; derivatives are half as great."""
@@ -153,14 +148,13 @@ class ModelledBoxes:
 
     def _halves(self, axis: int, level: float) -> ModelledBoxes:
         """Halves along an axis that may hold a level; the sizes are not updated."""
-        total = self.range + np.abs(self.coefficients[:, 0, 0, 0])
-        error = self.error + 2.0 * sum_rounding(self.coefficients.shape[-1]) * total
+        error = self.error + self.series.rounding
         parts = []
         for side in (-1, 1):
             condition = None if self.condition is None else self.condition.on_side(axis, side)
-            coefficients = half_along(self.coefficients, axis, side)
+            series = self.series.on_side(axis, side)
             centre = self.centre + 0.5 * side * self.half[:, None] * np.eye(3)[axis]
-            half = replace(self, centre=centre, coefficients=coefficients, error=error, condition=condition)
+            half = replace(self, centre=centre, series=series, error=error, condition=condition)
             parts.append(half.part(half.may_hold(level)))
         conditions = [part.condition for part in parts if part.condition is not None]
         return ModelledBoxes(
@@ -168,7 +162,7 @@ class ModelledBoxes:
             np.concatenate([part.row for part in parts]),
             np.concatenate([part.centre for part in parts]),
             np.concatenate([part.half for part in parts]),
-            np.concatenate([part.coefficients for part in parts]),
+            BoxSeries.joined([part.series for part in parts]),
             np.concatenate([part.remainder for part in parts], axis=1),
             np.concatenate([part.error for part in parts]),
             Condition.joined(conditions) if conditions else None,
@@ -190,7 +184,7 @@ class ModelledBoxes:
         boxes = self.boxes.part(used)
         maps, errors = _maps_of(boxes, size)
         places, rounding = errors[map_of], PARTS_ROUNDING * np.abs(maps).sum(axis=(1, 2, 3, 4))[map_of]
-        series, _ = _of_size(self.coefficients, size)
+        series, _ = _of_size(self.series.coefficients, size)
         # kernels sum these series: the rounding of that counts as well
         summed = kernel_rounding(size) * np.abs(series).sum(axis=(1, 2, 3))
         whole = np.tile((-1.0, 0.0), (len(self), 1))
@@ -240,13 +234,13 @@ def _of_size(series: Floats, size: int) -> tuple[Floats, Floats]:
 class Condition(Rows):
     """A condition on boxes, which is positive where a level does not count.
 
-    coefficients  (n, count, count, count) of its series
+    series        the condition itself
     remainder     (n,) bounds of the error of the series
     steepness     (n,) bounds of the sum of the magnitudes of its derivatives in x
     error         (n,) maximum error of computed values
     """
 
-    coefficients: Floats
+    series: BoxSeries
     remainder: Floats
     steepness: Floats
     error: Floats
@@ -256,13 +250,20 @@ class Condition(Rows):
         """A condition with a model."""
         remainder = model.series_remainder
         steep = 3.0 * (model.sizes[1] + remainder[1])
-        return Condition(model.coefficients, remainder[0], steep, model.error)
+        return Condition(BoxSeries.of(model.coefficients), remainder[0], steep, model.error)
 
     def on_side(self, axis: int, side: int) -> Condition:
         """Those of halves along an axis on one side."""
-        total = np.abs(self.coefficients).sum(axis=(1, 2, 3))
-        remainder = self.remainder + 2.0 * sum_rounding(self.coefficients.shape[-1]) * total
-        return replace(self, coefficients=half_along(self.coefficients, axis, side), remainder=remainder)
+        remainder = self.remainder + self.series.rounding
+        return replace(self, series=self.series.on_side(axis, side), remainder=remainder)
+
+    def shortened(self, share: float) -> Condition:
+        """The series without terms of high degrees, at most a share of its range, which count as remainder."""
+        tails = tails_of(shells_of(self.series.coefficients))[0]
+        count = max(1, int(np.count_nonzero((tails / self.series.range[:, None]).max(axis=0) > share)))
+        if count >= self.series.count:
+            return self
+        return replace(self, series=self.series.shortened(count), remainder=self.remainder + tails[:, count])
 
     def halved(self) -> Condition:
         """The same in the coordinates of boxes of half the size."""
@@ -271,22 +272,22 @@ class Condition(Rows):
     @property
     def _room(self) -> Floats:
         """(n,) how far values may be from the mean of the series."""
-        return np.asarray(_range_of(self.coefficients) + self.remainder + self.error)
+        return np.asarray(self.series.range + self.remainder + self.error)
 
     @property
     def is_positive(self) -> Bools:
         """(n,) whether the level counts nowhere in a box."""
-        return np.asarray(self.coefficients[:, 0, 0, 0] > self._room)
+        return np.asarray(self.series.mean > self._room)
 
     @property
     def is_positive_in_eighths(self) -> Bools:
         """(n, 8) whether the level counts nowhere in an eighth of a box."""
-        mean, reach = bounds_in_eighths(self.coefficients)
+        mean, reach = self.series.in_eighths()
         return np.asarray(mean > reach + (self.remainder + self.error)[:, None])
 
     def in_kernels(self, excess: Floats) -> Floats:
         """(n, 2) as in SeriesBoxes, with errors smaller by (n,)."""
-        counts = self.coefficients[:, 0, 0, 0] < -self._room
+        counts = self.series.mean < -self._room
         open_ends = np.stack([self.error - excess, self.steepness / ROOM], axis=1)
         return np.where(counts[:, None], (-1.0, 0.0), open_ends)
 
@@ -294,9 +295,3 @@ class Condition(Rows):
 def lacking(bounds: Floats) -> Floats:
     """(n,) errors (ORDERS, n) of quantities in a box of a picture, relative to which their range must be large."""
     return np.asarray(np.maximum(_PIXELS * bounds[0], bounds[1]))
-
-
-def _range_of(coefficients: Floats) -> Floats:
-    """(n,) how far series (n, count, count, count) go from their means."""
-    flat = np.abs(coefficients).reshape(len(coefficients), coefficients.shape[-1] ** 3)
-    return np.asarray(flat[:, 1:].sum(axis=1))

@@ -89,12 +89,13 @@ def to_half(count: int, side: int) -> Floats:
 def along_axes(numbers: Floats, first: Floats, second: Floats, third: Floats) -> Floats:
     """(..., a, b, c) matrices applied to the last three axes, the first to the last axis, x."""
     *leading, a, b, c = numbers.shape
-    numbers = np.matmul(third, numbers.reshape(*leading, a, b * c))
-    *leading, a, _ = numbers.shape
-    numbers = np.matmul(second[..., None, :, :], numbers.reshape(*leading, a, b, c))
-    b = numbers.shape[-2]
-    numbers = np.matmul(numbers.reshape(*leading, a * b, c), first.swapaxes(-1, -2))
-    return np.asarray(numbers.reshape(*leading, a, b, first.shape[-2]))
+    for matrix in (third, second, first):
+        # the first axis becomes the last: each step is one product of matrices for each of the leading numbers
+        rows = numbers.reshape(*leading, a, b * c).swapaxes(-1, -2)
+        numbers = np.matmul(rows, matrix.swapaxes(-1, -2))
+        a, b, c = b, c, matrix.shape[-2]
+        numbers = numbers.reshape(*leading, a, b, c)
+    return np.asarray(numbers)
 
 
 def coefficients_of(values: Floats) -> Floats:
@@ -128,21 +129,35 @@ def _to_inner_halves(count: int, reach: float) -> Floats:
     return frozen_floats(np.concatenate([to_coefficients(count) @ own for own in values]))
 
 
-def bounds_in_eighths(coefficients: Floats, reach: float = 1.0) -> tuple[Floats, Floats]:
+@bounded_cache
+def _sums_of_halves(count: int) -> Floats:
+    """(2, 2 count) sums over the terms of both halves of `_to_inner_halves`."""
+    return frozen_floats(np.kron(np.eye(2), np.ones(count)))
+
+
+def magnitudes_of(coefficients: Floats, first: int = 0) -> Floats:
+    """(n,) sums of the magnitudes of coefficients (n, count, count, count), without the ``first`` of each series."""
+    flat = np.abs(coefficients).reshape(len(coefficients), coefficients.shape[-1] ** 3)
+    return np.asarray(flat[:, first:].sum(axis=1))
+
+
+def bounds_in_eighths(coefficients: Floats, total: Floats, reach: float = 1.0) -> tuple[Floats, Floats]:
     """Means (n, 8), and maximum distances from them (n, 8), of series (n, count, count, count) on eighths of |s| <= 1.
 
     The eighths are enlarged by the factor ``reach``, REACH at most.  Only terms of low degree are restricted.  The
     distances include the others, and the rounding of the restriction, for which the reserve is ample.
+
+    total  (n,) sums of the magnitudes of the coefficients
     """
     boxes, count = len(coefficients), min(coefficients.shape[-1], _RESTRICTED)
     low = coefficients[:, :count, :count, :count]
-    halves = _to_inner_halves(count, reach)
-    parts = along_axes(low, halves, halves, halves).reshape(boxes, 2, count, 2, count, 2, count)
-    mean = parts[:, :, 0, :, 0, :, 0].reshape(boxes, 8)
-    total = np.abs(parts).sum(axis=(2, 4, 6)).reshape(boxes, 8)
-    all_terms = np.abs(coefficients).sum(axis=(1, 2, 3))
-    reserve = all_terms - np.abs(low).sum(axis=(1, 2, 3)) + PARTS_ROUNDING * all_terms
-    return mean, total - np.abs(mean) + reserve[:, None]
+    halves, sums = _to_inner_halves(count, reach), _sums_of_halves(count)
+    parts = along_axes(low, halves, halves, halves)
+    mean = parts[:, ::count, ::count, ::count].reshape(boxes, 8)
+    sizes = along_axes(np.abs(parts), sums, sums, sums).reshape(boxes, 8)
+    # the difference of both sums may be slightly negative by rounding, which the reserve covers
+    reserve = total - magnitudes_of(low) + PARTS_ROUNDING * total
+    return mean, sizes - np.abs(mean) + reserve[:, None]
 
 
 @bounded_cache

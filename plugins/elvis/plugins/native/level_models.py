@@ -197,6 +197,12 @@ class ElementNets:
         maps, values = (np.isfinite(net).all(axis=(1, 2)) for net in self.nets)
         return np.asarray(maps & values)
 
+    @property
+    def maps(self) -> ElementNets:
+        """The elements without fields."""
+        maps, values = self.nets
+        return replace(self, nets=(maps, values[:, :0]))
+
     def boxes(self, rows: Ints, centre: Floats, half: float) -> ModelBoxes:
         """The box with this centre (3,) and half side in some elements, with series from values in the box itself."""
         count = max(degree for space in self.spaces for degree in space.degrees) + 1
