@@ -7,9 +7,10 @@ process; a mesh among them may end in a list of entities shared with others, whi
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
+from itertools import chain
 from pathlib import Path
 
 from elvis.converters.mfem.files import COMPLEX, SPACES, first_line, header_end, is_mesh, load
@@ -116,12 +117,14 @@ def _name(mesh: Path, field: Path) -> str:
     return rest.strip("._-") or name if rest[:1] in ("", *"._-") else name
 
 
-def _siblings(path: Path) -> dict[int, Path]:
-    """Files next to one of a number, of the same name but for the number."""
-    own = _NUMBERED.fullmatch(path.name)
-    assert own is not None
-    found = [(each, _NUMBERED.fullmatch(each.name)) for each in path.parent.iterdir()]
-    return {int(match[2]): each for each, match in found if match and match[1] == own[1] and match[2]}
+def _numbered_files(folders: Iterable[Path]) -> dict[Path, dict[int, Path]]:
+    """Files whose names end in the number of a process, by their paths without the number, and by the number."""
+    found: dict[Path, dict[int, Path]] = {}
+    for path in chain.from_iterable(folder.iterdir() for folder in folders):
+        match = _NUMBERED.fullmatch(path.name)
+        if match:
+            found.setdefault(path.with_suffix(""), {})[int(match[2])] = path
+    return found
 
 
 def _processes(path: Path) -> int:
@@ -133,11 +136,12 @@ def _processes(path: Path) -> int:
 
 def _parallel(meshes: Sequence[Path], functions: Sequence[Path]) -> list[Piece]:
     """One piece per process: the named files, and all next to them."""
-    whole = _siblings(meshes[0])
     for path in (*meshes, *functions):
         if not _NUMBERED.fullmatch(path.name):
             raise FormatError("expected a name that ends in the number of a process, found another", file=path)
-    fields = {_name(meshes[0], path): _siblings(path) for path in functions}
+    pieces_of = _numbered_files({path.parent for path in (meshes[0], *functions)})
+    whole = pieces_of[meshes[0].with_suffix("")]
+    fields = {_name(meshes[0], path): pieces_of[path.with_suffix("")] for path in functions}
     numbers = sorted(whole)
     last = max(numbers[-1], *(_processes(path) - 1 for path in whole.values()))
     if numbers != list(range(last + 1)):
@@ -153,7 +157,7 @@ def _parallel(meshes: Sequence[Path], functions: Sequence[Path]) -> list[Piece]:
 def _read_streams(paths: Sequence[Path], streams: Sequence[Path]) -> Iterator[Piece]:
     """The content of streams: one mesh, or the pieces of one; for several meshes in a row, the last."""
     if len(streams) != len(paths):
-        other = next(path for path in paths if path not in streams)
+        other = next(path for path in paths if not is_stream(path))
         raise FormatError("expected only streams, found another file next to them", file=other)
     last: dict[int, tuple[Path, str, bool]] = {}
     total = 1

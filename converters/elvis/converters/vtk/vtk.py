@@ -342,15 +342,14 @@ def _of_kinds(grid: Grid, dimension: int, first: int) -> tuple[list[Part], int]:
 
 def _missing_processes(paths: Sequence[Path]) -> list[str]:
     """A message if parts of other processes lie next to the given files."""
-    missing: list[str] = []
-    for path in paths:
-        if _PROCESS.fullmatch(path.name):
-            every = (each for each in path.parent.iterdir() if _PROCESS.fullmatch(each.name) and each != path)
-            others = (each for each in every if Vtk.whole(each) == Vtk.whole(path))
-            missing += [each.name for each in others if each.name not in {given.name for given in paths}]
+    wholes = {Vtk.whole(path) for path in paths if _PROCESS.fullmatch(path.name)}
+    given = {path.name for path in paths}
+    every = (each for folder in {path.parent for path in wholes} for each in folder.iterdir())
+    others = (each for each in every if _PROCESS.fullmatch(each.name) and each.name not in given)
+    missing = sorted({each.name for each in others if Vtk.whole(each) in wholes})
     if not missing:
         return []
-    return [f"a part of a mesh by name: also give {', '.join(sorted(set(missing))[:3])} for the complete mesh"]
+    return [f"a part of a mesh by name: also give {', '.join(missing[:3])} for the complete mesh"]
 
 
 def _edges(part: Part) -> tuple[int, int]:

@@ -111,10 +111,12 @@ def output_sections(dataset: Dataset) -> list[OutputSection]:
 
 def _parts(dataset: Dataset) -> list[Part]:
     """Blocks that fields have in common, once."""
-    found: dict[Expansion, list[Part]] = {}
+    # blocks of other elements begin with another one: lists of more than one part are rare
+    found: dict[tuple[Expansion, bytes], list[Part]] = {}
     for each in dataset.fields:
         for block in each.blocks:
-            part = _part_of(block, found.setdefault(block.expansion, []))
+            key = block.expansion, block.element_ids[:1].tobytes()
+            part = _part_of(block, found.setdefault(key, []))
             part.names.append(each.name)
             part.coefficients.append(block.coefficients)
     return [part for parts in found.values() for part in parts]

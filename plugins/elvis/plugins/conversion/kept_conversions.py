@@ -324,7 +324,8 @@ def _further_files(source: Converter, paths: Sequence[Path]) -> dict[str, str] |
     """Digests of the further files that a source has read; None if they are unknown or can't be read."""
     if source.further_files is None:
         return None
-    others = [path for path in source.further_files if path not in paths]
+    named = set(paths)
+    others = [path for path in source.further_files if path not in named]
     digests = _digests(others)
     if digests is None:
         return None

@@ -211,7 +211,7 @@ def _wholes(paths: Sequence[Path], name: str | None) -> dict[Path, list[Path]]:
 
     Native files have no such marks, and no converter is loaded for them.
     """
-    foreign = [path for path in paths if name is not None or not is_native(path)]
+    foreign = {path for path in paths if name is not None or not is_native(path)}
     candidates = installed_converters() if foreign else []
     kinds = [each.converter for each in candidates if each.converter and name in (None, each.name)]
     found: dict[Path, list[Path]] = {}
