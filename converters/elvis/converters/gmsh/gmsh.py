@@ -15,7 +15,7 @@ import numpy as np
 
 from elvis.converters.gmsh.data import MAGIC, Scheme, Section, beginning, scan
 from elvis.converters.gmsh.joining import joined
-from elvis.converters.gmsh.mesh import Functions, Group, Mesh, read_mesh
+from elvis.converters.gmsh.mesh import Functions, Group, Mesh, read_meshes
 from elvis.converters.shared.inputs import STEP, step_number
 from elvis.core.base.arrays import Floats, Ints
 from elvis.core.base.errors import FormatError
@@ -168,7 +168,7 @@ class Gmsh(NodalConverter):
             raise FormatError("expected also a file with a mesh, found only data", file=paths[0])
         sections = [section for each in contents for section in each.sections]
         has_element_data = any(section.kind != "NodeData" for section in sections)
-        self.take_mesh(joined([read_mesh(each) for each in meshes], [each.path for each in meshes], has_element_data))
+        self.take_mesh(joined(read_meshes(meshes), [each.path for each in meshes], has_element_data))
         series = _series(sections, number)
         read = [_Values.of(name, sections) for name, _, sections in series]
         for values in read:

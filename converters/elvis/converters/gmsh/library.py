@@ -36,7 +36,7 @@ _ERROR, _WARNING = "Error: ", "Warning: "
 
 
 class Library:
-    """The library, which reads one file."""
+    """The library, which reads one file after another."""
 
     def __init__(self) -> None:
         import gmsh
@@ -91,6 +91,7 @@ class Library:
 
     def _log(self, path: str) -> list[str]:
         """The lines that the library logs when it opens a file."""
+        self._gmsh.clear()
         self._gmsh.logger.start()
         with suppress(Exception):  # the log says what
             self._gmsh.open(path)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -142,8 +142,15 @@ class Functions(ShapeFunctions):
         return cls(kind.shape, 1, kind.frame, np.asarray(np.linalg.inv(table), np.float64))
 
 
-def read_mesh(contents: Contents) -> Mesh:
-    """The mesh of a file; raises FormatError with the library's first complaint.
+def read_meshes(files: Sequence[Contents]) -> list[Mesh]:
+    """The meshes of files; raises FormatError with the library's first complaint."""
+    size = sum(each.path.stat().st_size for each in files)
+    with Apart(_WORKER, size) as library:
+        return [_read_mesh(each, library) for each in files]
+
+
+def _read_mesh(contents: Contents, library: Apart) -> Mesh:
+    """The mesh of a file.
 
     A file with another suffix is linked, because the library knows formats by these.
     """
@@ -160,8 +167,7 @@ def read_mesh(contents: Contents) -> Mesh:
                     part.write(whole.read(end - start))
         size = path.stat().st_size
         try:
-            with Apart(_WORKER, size) as library:
-                found = library.ask("mesh", str(path), str(contents.path), size=size)
+            found = library.ask("mesh", str(path), str(contents.path), size=size)
         except LibraryError as failure:
             raise FormatError(f"expected a complete mesh, found: {failure.reason}", file=contents.path) from failure
     kinds, groups = [Kind.from_message(plain) for plain in found.pop("kinds")], found.pop("groups")

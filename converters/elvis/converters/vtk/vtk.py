@@ -9,25 +9,24 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 
 from elvis.converters.shared.inputs import STEP, step_number
-from elvis.converters.vtk.cells import BEZIER, LAGRANGE, Cell, Kind, shape_of
+from elvis.converters.vtk.cells import LAGRANGE, shape_of
 from elvis.converters.vtk.files import Grid, array_names, files_by_time, kind_of, other_kind, overlap, read
 from elvis.converters.vtk.hdf import times_in
 from elvis.converters.vtk.nodes import FAMILIES, node_family
 from elvis.converters.vtk.numbering import exchanged, reversed_faces, row_of_nodes, running, third_face, upright
+from elvis.converters.vtk.parts import Part, PartsByPlace, drop_copies, parts_of
 from elvis.converters.vtk.times import time_in
-from elvis.core.base.arrays import Bools, Floats, Ints, distinct_bits
 from elvis.core.base.errors import FormatError
 from elvis.core.base.needing import is_there
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion.declared import Declared
-from elvis.plugins.conversion.nodal import NodalBlock, NodalConverter, NodalValues, component_names
+from elvis.plugins.conversion.nodal import NodalBlock, NodalConverter, component_names
 from elvis.plugins.conversion.plugin import DOUBLE, SINGLE, Elements, Option, Reads
 
 #: the end of the name of a file of one process, as DOLFINx writes it, and of one part, as VTK's writer of HDF5 does
@@ -151,19 +150,21 @@ class Vtk(NodalConverter):
     def _collect(self, dimension: int) -> list[Part]:
         """The cells of one kind of each grid, by number; grids of the same cells are taken together."""
         result: list[list[Part]] = []
+        by_place = PartsByPlace(self._grids)
         first = lower = repeated = 0
         for grid in self._grids:
-            own, left = _of_kinds(grid, dimension, first)
+            own, left = parts_of(grid, dimension, first)
             lower += left
-            leading = next((parts for parts in result if _coincide(parts, own)), None)
+            leading = by_place.coincident(own)
             if leading is None:
                 result.append(own)
+                by_place.add(own)
                 first += len(grid.types)
             else:
                 leading[:] = [part.join(other) for part, other in zip(leading, own, strict=True)]
                 repeated += sum(len(part.rows) for part in own)
         parts = [part for parts in result for part in parts]
-        copies = _drop_copies(parts)
+        copies = drop_copies(parts)
         total = sum(int((grid.ghosts == 0).sum()) for grid in self._grids) - repeated
         omitted = {"cells of lower dimension": lower, "cells that are listed twice, each once,": copies}
         self.declared = Declared(total, omitted=omitted)
@@ -262,84 +263,6 @@ class Vtk(NodalConverter):
         return SINGLE if any(a.dtype == np.float32 for a in arrays) else DOUBLE
 
 
-@dataclass(eq=False)
-class Part:
-    """Cells of one kind of a grid: ``rows`` (n,) of the grid with their ``nodes`` (n, k), numbered from ``first``.
-
-    companions  the same cells in other grids, with other fields
-    """
-
-    grid: Grid
-    cell: Cell
-    nodes: Ints
-    rows: Ints
-    first: int
-    companions: list[Part] = field(default_factory=list)
-
-    @property
-    def is_rational(self) -> bool:
-        """Whether the functions of the cells are quotients."""
-        if self.cell.kind.type not in BEZIER or self.grid.weights is None:
-            return False
-        return bool(np.ptp(self.grid.weights[self.nodes]) > 0)
-
-    def arrays(self, on_points: bool) -> dict[str, Floats]:
-        """Arrays of the grid by name."""
-        return self.grid.point_data if on_points else self.grid.cell_data
-
-    def holder(self, name: str, on_points: bool) -> Part | None:
-        """The part that has an array: this one or a companion."""
-        return next((each for each in (self, *self.companions) if name in each.arrays(on_points)), None)
-
-    def join(self, other: Part) -> Part:
-        """Both, the one of higher order with the other as a companion."""
-        high, low = (self, other) if self.cell.order >= other.cell.order else (other, self)
-        high.companions, high.first = [*high.companions, low, *low.companions], min(high.first, low.first)
-        low.companions = []
-        return high
-
-    def keep(self, mask: Bools) -> None:
-        """Keep some of the cells, in all grids that have them."""
-        if not mask.all():
-            for each in (self, *self.companions):
-                each.nodes, each.rows = each.nodes[mask], each.rows[mask]
-
-    def places(self, nodes: Ints) -> Floats:
-        """(..., 3) of nodes."""
-        return np.asarray(self.grid.points[nodes], np.float64)
-
-    def nodal(self, array: Floats) -> NodalValues:
-        """An array (n, k) of the grid's points, on the cells."""
-        weights = self.grid.weights if self.is_rational else None
-        return NodalValues(array, self.cell, self.nodes, weights)
-
-    def field(self, name: str, on_points: bool) -> NodalValues:
-        """An array that this part has."""
-        array = self.arrays(on_points)[name]
-        return self.nodal(array) if on_points else NodalValues(array[self.rows][:, None], None)
-
-
-def _of_kinds(grid: Grid, dimension: int, first: int) -> tuple[list[Part], int]:
-    """The cells of each kind of a grid, without other dimensions, and the number of cells omitted."""
-    counts, result, others = np.diff(grid.offsets), [], 0
-    degrees = np.zeros((len(counts), 3), np.int64) if grid.degrees is None else grid.degrees
-    keys = np.column_stack([grid.types, counts, degrees])
-    keys[~np.isin(grid.types, [*LAGRANGE, *BEZIER]), 2:] = 0
-    first_rows, which = distinct_bits(keys)
-    kinds = keys[first_rows]
-    for number in np.lexsort(kinds.T[::-1]).tolist():
-        kind, count, *own = kinds[number].tolist()
-        rows = np.flatnonzero((which == number) & (grid.ghosts == 0))
-        shape = shape_of(kind, grid.file)
-        if shape is None or shape.dimension != dimension:
-            others += len(rows)
-        elif len(rows):
-            cell = Cell(Kind(kind, count, (own[0], own[1], own[2])), grid.file)
-            nodes = grid.nodes[grid.offsets[rows][:, None] + np.arange(count)]
-            result.append(Part(grid, cell, nodes, rows, first))
-    return result, others
-
-
 def _missing_processes(paths: Sequence[Path]) -> list[str]:
     """A message if parts of other processes lie next to the given files."""
     wholes = {Vtk.whole(path) for path in paths if _PROCESS.fullmatch(path.name)}
@@ -355,41 +278,6 @@ def _missing_processes(paths: Sequence[Path]) -> list[str]:
 def _edges(part: Part) -> tuple[int, int]:
     """In how many hexahedra the nodes of two edges lie near their own edge, and in how many near the other's."""
     return exchanged(part.places(part.nodes), part.cell, upright(part.cell))
-
-
-def _drop_copies(parts: Sequence[Part]) -> int:
-    """Drop the cells whose nodes coincide exactly with the nodes of an earlier cell; return their number.
-
-    Parts of a mesh that overlap hold such copies, if the writer doesn't mark them as ghosts.
-    """
-    places = np.concatenate([np.zeros((0, 3)), *(part.places(part.nodes).reshape(-1, 3) for part in parts)])
-    numbers = distinct_bits(places + 0.0)[1]  # 0.0 takes the sign of zeros
-    starts = np.cumsum([0, *(part.nodes.size for part in parts)])
-    by_width: dict[tuple[int, int], list[int]] = {}
-    for i, part in enumerate(parts):
-        by_width.setdefault((part.cell.kind.type, part.nodes.shape[1]), []).append(i)
-    dropped = 0
-    for alike in by_width.values():
-        tables = [np.sort(numbers[starts[i] : starts[i + 1]].reshape(parts[i].nodes.shape), axis=1) for i in alike]
-        is_first = np.zeros(sum(map(len, tables)), bool)
-        is_first[distinct_bits(np.concatenate(tables))[0]] = True
-        for i, kept in zip(alike, np.split(is_first, np.cumsum(list(map(len, tables)))[:-1]), strict=True):
-            parts[i].keep(kept)
-        dropped += int((~is_first).sum())
-    return dropped
-
-
-def _coincide(parts: Sequence[Part], others: Sequence[Part]) -> bool:
-    """Whether two lists hold the same cells in the same order: shapes, numbers, and places of the vertices."""
-    if len(parts) != len(others):
-        return False
-    for part, other in zip(parts, others, strict=True):
-        if part.cell.shape is not other.cell.shape or not np.array_equal(part.rows, other.rows):
-            return False
-        own, place = (each.places(each.nodes[:, each.cell.vertex_nodes()]) for each in (part, other))
-        if not np.allclose(own, place, rtol=0, atol=1e-6 * float(np.ptp(own, axis=(0, 1)).max())):
-            return False
-    return True
 
 
 def _block(part: Part) -> Elements:

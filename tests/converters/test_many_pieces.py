@@ -1,0 +1,140 @@
+"""Data sets of many small pieces: the work is proportional to their number."""
+
+import sys
+
+import pytest
+
+import elvis
+from elvis import Shape
+
+#: the work of four times as many pieces beyond that of twice as many is twice the work of twice as many beyond that
+#: of one time; for work that grows with the square it is four times
+MOST_GROWTH = 2.2
+COUNTS = (16, 32, 64)
+
+SQUARE = ((0, 0), (1, 0), (1, 1), (0, 1))
+
+VTU = """<VTKFile type="UnstructuredGrid" version="0.1" byte_order="LittleEndian"><UnstructuredGrid>
+<Piece NumberOfPoints="4" NumberOfCells="1">
+<PointData><DataArray type="Float64" Name="u" format="ascii">0 1 2 3</DataArray></PointData>
+<Points><DataArray type="Float64" NumberOfComponents="3" format="ascii">{places}</DataArray></Points>
+<Cells><DataArray type="Int64" Name="connectivity" format="ascii">0 1 2 3</DataArray>
+<DataArray type="Int64" Name="offsets" format="ascii">4</DataArray>
+<DataArray type="UInt8" Name="types" format="ascii">9</DataArray></Cells>
+</Piece></UnstructuredGrid></VTKFile>
+"""
+
+MESH = """MFEM mesh v1.0
+
+dimension
+2
+
+elements
+1
+1 3 0 1 2 3
+
+boundary
+0
+
+vertices
+4
+2
+{places}
+
+mfem_serial_mesh_end
+
+communication_groups
+number_of_groups 1
+
+1 {number}
+
+total_shared_vertices 0
+
+mfem_mesh_end
+"""
+
+FUNCTION = """FiniteElementSpace
+FiniteElementCollection: H1_2D_P1
+VDim: 1
+Ordering: 0
+
+0
+1
+2
+3
+"""
+
+MSH = """$MeshFormat
+2.2 0 8
+$EndMeshFormat
+$Nodes
+4
+{nodes}
+$EndNodes
+$Elements
+1
+{element} 3 4 0 1 1 {part} {corners}
+$EndElements
+"""
+
+
+def vtk_pieces(folder, count):
+    """Squares in a row, each in a file of its own, named as those of a process."""
+    for i in range(count):
+        places = " ".join(f"{x + i} {y} 0" for x, y in SQUARE)
+        yield write(folder / f"a_p{i}_000000.vtu", VTU.format(places=places))
+
+
+def mfem_pieces(folder, count):
+    """Squares in a row, each in a file of its own, with a function in another."""
+    for i in range(count):
+        places = "\n".join(f"{x + i} {y}" for x, y in SQUARE)
+        yield write(folder / f"mesh.{i:06d}", MESH.format(places=places, number=i))
+        yield write(folder / f"u.{i:06d}", FUNCTION)
+
+
+def gmsh_pieces(folder, count):
+    """Squares in a row, each a partition in a file of its own."""
+    for i in range(count):
+        numbers = [2 * (x + i) + y + 1 for x, y in SQUARE]
+        nodes = "\n".join(f"{number} {x + i} {y} 0" for number, (x, y) in zip(numbers, SQUARE, strict=True))
+        corners = " ".join(map(str, numbers))
+        yield write(folder / f"m_{i + 1}.msh", MSH.format(nodes=nodes, element=i + 1, part=i + 1, corners=corners))
+
+
+def write(path, text):
+    path.write_text(text)
+    return path
+
+
+def calls_of(function):
+    """The number of calls of Python functions in a call."""
+    count = 0
+
+    def note(_frame, event, _given):
+        nonlocal count
+        count += event == "call"
+
+    sys.setprofile(note)
+    try:
+        function()
+    finally:
+        sys.setprofile(None)
+    return count
+
+
+@pytest.mark.parametrize(
+    ("pieces", "package"), [(vtk_pieces, "vtkmodules"), (mfem_pieces, "mfem"), (gmsh_pieces, "gmsh")]
+)
+def test_the_work_of_pieces_is_proportional_to_their_number(tmp_path, pieces, package):
+    pytest.importorskip(package)
+    elvis.read(*pieces(tmp_path, 2))  # what is loaded once doesn't count
+    counted = []
+    for count in COUNTS:
+        folder = tmp_path / str(count)
+        folder.mkdir()
+        paths = list(pieces(folder, count))
+        counted.append(calls_of(lambda paths=paths: elvis.read(*paths)))
+    one, two, four = counted
+    assert 0 < four - two <= MOST_GROWTH * (two - one)
+    assert len(elvis.read(*paths).mesh.entities[Shape.QUADRILATERAL]) == COUNTS[-1]
