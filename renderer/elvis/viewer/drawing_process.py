@@ -123,16 +123,14 @@ def _serve(pipe: Connection, opened: _OpenedOnce) -> None:
 
 def _answered(opened: _OpenedOnce, name: str, number: int, content: Any) -> tuple[str, int, Any]:
     """The answer to a request, or the reason why there is none."""
-    from elvis.core.base.errors import ElvisError, fault_sentence
+    from elvis.core.base.errors import fault_sentence
 
     try:
         return name, number, opened.drawing().answer(name, number, content)
-    except ElvisError as error:
-        return _failure(error), number, str(error)
     except MemoryError:
         return "error", number, "not enough memory for this picture; reduce its size or its samples"
-    except Exception as error:  # a fault of one picture must not end all
-        return "error", number, fault_sentence(error)
+    except Exception as error:  # noqa: BLE001 - a fault of one picture must not end all
+        return _failure(error), number, fault_sentence(error)
 
 
 def _failure(error: Exception) -> str:

@@ -137,9 +137,7 @@ class Session:
         """Handle a message of a page; errors are sent back."""
         try:
             answer = await self._answer(viewer, parsed(message))
-        except ElvisError as error:
-            await viewer.refuse(str(error), message)
-        except Exception as error:  # a fault must not end the connection
+        except Exception as error:  # noqa: BLE001 - a fault must not end the connection
             await viewer.refuse(fault_sentence(error), message)
         else:
             if answer is not None:
@@ -389,7 +387,7 @@ class Session:
                 if self.facts is None and not self._has_shown and self.on_unreadable(str(error)):
                     return
                 await self._give_up(str(error), isinstance(error, AbsentError))
-            except Exception as error:  # a fault must not end the viewer
+            except Exception as error:  # noqa: BLE001 - a fault must not end the viewer
                 await self._give_up(fault_sentence(error))
 
     async def _watch_for_ever(self) -> None:

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -165,6 +166,18 @@ class GmfFile:
             return None
         return float(section.reals[0, 0] if section.reals.size else section.integers[0, 0])
 
+    def row(self, name: str, following: Callable[[], int]) -> tuple[int, tuple[int, ...], int, int]:
+        """Number of reals in a row of a section, types of its fields, degree and nodes, from integers that follow."""
+        keyword, types = KEYWORDS[name], tuple[int, ...]()
+        degree, nodes = 0, 1
+        reals = self.dimension if keyword.reals < 0 else keyword.reals
+        if keyword.solution:
+            types = tuple(following() for _ in range(min(max(following(), 0), 1000)))
+            if keyword.solution == "ho":
+                degree, nodes = following(), following()
+            reals = self.width(types, name) * nodes
+        return reals, types, degree, nodes
+
     def width(self, types: Sequence[int], place: str) -> int:
         """Number of values of fields of some types at a node."""
         sizes = type_sizes(self.dimension)
@@ -236,14 +249,7 @@ class _Binary:
     def _read(self, name: str) -> None:
         keyword, file = KEYWORDS[name], self.file
         rows = 1 if keyword.is_single else self._take(self.count, name)
-        types: tuple[int, ...] = ()
-        degree, nodes = 0, 1
-        reals = file.dimension if keyword.reals < 0 else keyword.reals
-        if keyword.solution:
-            types = tuple(self._take("i", name) for _ in range(min(max(self._take("i", name), 0), 1000)))
-            if keyword.solution == "ho":
-                degree, nodes = self._take("i", name), self._take("i", name)
-            reals = file.width(types, name) * nodes
+        reals, types, degree, nodes = file.row(name, partial(self._take, "i", name))
         if reals > len(self.raw):
             raise FormatError(f"expected {reals} numbers a row, found fewer", file=file.path, place=name)
         record = np.dtype(
@@ -319,14 +325,7 @@ class _Text:
     def _read(self, name: str) -> None:
         keyword, file = KEYWORDS[name], self.file
         rows = 1 if keyword.is_single else self._integer(name)
-        types: tuple[int, ...] = ()
-        degree, nodes = 0, 1
-        reals = file.dimension if keyword.reals < 0 else keyword.reals
-        if keyword.solution:
-            types = tuple(self._integer(name) for _ in range(self._integer(name)))
-            if keyword.solution == "ho":
-                degree, nodes = self._integer(name), self._integer(name)
-            reals = file.width(types, name) * nodes
+        reals, types, degree, nodes = file.row(name, partial(self._integer, name))
         width = reals + keyword.integers
         numbers = self._numbers(name)
         if rows < 0 or len(numbers) != rows * width:

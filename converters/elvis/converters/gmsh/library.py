@@ -69,8 +69,8 @@ class Library:
         def width(number: int) -> int:
             try:
                 return int(self._gmsh.model.mesh.getElementProperties(number)[3])
-            except Exception:
-                raise FormatError(f"expected a known type of elements, found {number}", file=named) from None
+            except Exception as error:  # the library has no other type
+                raise FormatError(f"expected a known type of elements, found {number}", file=named) from error
 
         with path.open("rb") as file:
             if file.read(len(MAGIC_1)) != MAGIC_1 and not file.seek(0) and file.read(len(MAGIC)) != MAGIC:

@@ -192,7 +192,7 @@ def _reply(made: object, method: str, given: Sequence[Any]) -> list[Any]:
         return ["format", error.message, file, error.place]
     except ElvisError as error:
         return ["error", str(error)]
-    except Exception as error:  # libraries raise errors of any type; the other process gets the traceback
+    except Exception as error:  # noqa: BLE001 - of libraries: the other process gets the traceback
         return ["failed", "".join(traceback.format_exception(error))]
 
 

@@ -250,9 +250,13 @@ _ROWS_AT_ONCE = 1 << 16
 
 
 def _packed(columns: Ints, base: int) -> NDArray[np.uint64]:
-    """(n,) numbers with the digits ``columns`` (k, n) to a base."""
+    """(n,) numbers with the digits ``columns`` (k, n) to a base; in their order, where the digits are too many."""
+    fits = base ** len(columns) < 1 << 64
     keys: NDArray[np.uint64] = columns[0].astype(np.uint64)
     for column in columns[1:]:
+        if not fits:
+            # replace the numbers so far by their rank among all of them
+            keys = groups(keys)[1].astype(np.uint64)
         keys *= np.uint64(base)
         keys += column.astype(np.uint64, copy=False)
     return keys
@@ -261,16 +265,7 @@ def _packed(columns: Ints, base: int) -> NDArray[np.uint64]:
 def _row_keys(rows: Ints) -> NDArray[np.uint64]:
     """(n,) one number for each row: its numbers, ascending, as digits."""
     columns = sorted_columns(rows.T)
-    base = int(columns.max(initial=0)) + 1
-    if base ** len(columns) < 1 << 64:
-        return _packed(columns, base)
-    keys: NDArray[np.uint64] = columns[0].astype(np.uint64)
-    for column in columns[1:]:
-        # the digits are too many: replace the numbers so far by their rank among all of them
-        keys = groups(keys)[1].astype(np.uint64)
-        keys *= np.uint64(base)
-        keys += column.astype(np.uint64, copy=False)
-    return keys
+    return _packed(columns, int(columns.max(initial=0)) + 1)
 
 
 def corners_of(*points: Floats) -> Floats:

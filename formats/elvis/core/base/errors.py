@@ -23,7 +23,9 @@ class ElvisError(Exception):
 
 
 def fault_sentence(error: Exception) -> str:
-    """A message for an unforeseen error."""
+    """The message of an error of ours; for others that it is unforeseen."""
+    if isinstance(error, ElvisError):
+        return str(error)
     what = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
     return f"unexpected {what}; this is a bug in ElVis"
 

@@ -14,6 +14,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from hashlib import file_digest, sha256
+from io import BufferedReader
 from itertools import chain
 from pathlib import Path
 from typing import BinaryIO
@@ -193,12 +194,10 @@ class Store:
         if entry is None:
             _set_aside(path)
 
-    def parsed(self, file: BinaryIO) -> tuple[bytes, BinaryIO] | None:
+    def parsed(self, file: BufferedReader) -> tuple[bytes, BinaryIO] | None:
         """The key in a file, and the file at the beginning of its content; None if it isn't as it was written."""
         mark, checksum = file.read(len(self.mark)), file.read(_CHECKSUM)
-        begin, total = file.tell(), sha256()
-        while block := file.read(_BLOCK):
-            total.update(block)
+        begin, total = file.tell(), file_digest(file, "sha256")
         if mark != self.mark or total.digest() != checksum:
             return None
         file.seek(begin)

@@ -16,10 +16,15 @@ _STEPS, _SHORT, BEYOND = 12, 1e-13, 1e-9
 def divided(nets: Floats, degree: int) -> Floats:
     """(…, degree + 1) nets of polynomials, zero at the start of the last axis, divided by t, in the old degree."""
     order = np.arange(1, degree + 1)
-    lower = nets[..., 1:] * (degree / order)
+    return _raised(nets[..., 1:] * (degree / order))
+
+
+def _raised(nets: Floats) -> Floats:
+    """Nets of a degree raised by one in the last axis."""
+    degree = nets.shape[-1]
     part = np.arange(degree + 1) / degree
-    before = np.concatenate([lower[..., :1], lower], axis=-1)
-    after = np.concatenate([lower, lower[..., -1:]], axis=-1)
+    before = np.concatenate([nets[..., :1], nets], axis=-1)
+    after = np.concatenate([nets, nets[..., -1:]], axis=-1)
     return np.asarray(part * before + (1 - part) * after)
 
 
@@ -68,11 +73,7 @@ def slope_nets(nets: Floats, axis: int) -> Floats:
     """(k, d, D, …) nets of the derivatives in one direction, of the old degree: of the lower one, raised."""
     moved = np.moveaxis(nets, 2 + axis, -1)
     degree = moved.shape[-1] - 1
-    lower = degree * np.diff(moved, axis=-1)
-    part = np.arange(degree + 1) / degree
-    before = np.concatenate([lower[..., :1], lower], axis=-1)
-    after = np.concatenate([lower, lower[..., -1:]], axis=-1)
-    return np.moveaxis(part * before + (1 - part) * after, -1, 2 + axis)
+    return np.moveaxis(_raised(degree * np.diff(moved, axis=-1)), -1, 2 + axis)
 
 
 def inverses(matrices: Floats) -> Floats:

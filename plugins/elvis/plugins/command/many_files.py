@@ -118,7 +118,7 @@ def run_cases(every: Sequence[Case], run: Callable[[Sequence[str]], object]) -> 
             status = end.code
         except (click.ClickException, click.Abort, BrokenPipeError):
             raise
-        except Exception as error:  # any failure of a case, also a bug, must leave the other cases
+        except Exception as error:  # noqa: BLE001 - any failure of a case, also a bug, must leave the other cases
             report_traceback(error)
             status, fault = 1, sentence_of(error)
         if fault or (isinstance(status, int) and status):

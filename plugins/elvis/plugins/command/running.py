@@ -76,7 +76,7 @@ def _outcome(arguments: Sequence[str] | None, settings: Settings, interrupts: In
         return INTERRUPTED, "interrupted"
     except click.ClickException as error:
         return error.exit_code, _usage_sentence(error)
-    except Exception as error:  # also bugs and errors of libraries: each run ends with one sentence
+    except Exception as error:  # noqa: BLE001 - also bugs and errors of libraries: each run ends with one sentence
         if settings.debug:
             sys.excepthook(type(error), error, error.__traceback__)
         is_broken = _forget_broken_stdout()

@@ -188,16 +188,18 @@ class Formula:
         that also contain the level are subdivided: curves of them.  With distances, slopes of its values follow in the
         same way.
         """
-        if self.targets and (len(self._enclosed) > 1 or len(self.targets) > MOST_DISTANCES):
-            return False
-        return all(map(self._is_known, self._leaves)) and all(is_continuous(r, self.is_finite) for r in self._enclosed)
+        return self._has_known_leaves and all(is_continuous(r, self.is_finite) for r in self._enclosed)
 
     @property
     def is_bounded(self) -> bool:
         """Whether discs of its values follow in the same way, including poles and jumps."""
+        return self._has_known_leaves and all(n.op in _WITH_DISCS for n in ordered(*self._enclosed))
+
+    @property
+    def _has_known_leaves(self) -> bool:
         if self.targets and (len(self._enclosed) > 1 or len(self.targets) > MOST_DISTANCES):
             return False
-        return all(map(self._is_known, self._leaves)) and all(n.op in _WITH_DISCS for n in ordered(*self._enclosed))
+        return all(map(self._is_known, self._leaves))
 
     def _is_known(self, leaf: Node) -> bool:
         """Whether discs of a leaf are available; with distances, also of its gradient."""

@@ -107,7 +107,7 @@ def _opens(name: str, source: type[VolumeSource], paths: Sequence[Path], report:
         return bool(source.opens(paths))
     except MemoryError:
         raise
-    except Exception as error:  # a plugin's own code may raise anything
+    except Exception as error:  # noqa: BLE001 - a plugin's own code may raise anything
         report(f"plugin {name} is skipped: for {paths[0]} it raises {type(error).__name__}: {error}")
         return False
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -40,13 +41,11 @@ def _save_surface(mesh: LinearMesh, path: Path) -> None:
     path.write_bytes(made.export(file_type=path.suffix.lower().removeprefix(".")))
 
 
-def _save_vtu(mesh: LinearMesh, path: Path) -> None:
-    """Any mesh through VTK."""
-    numpy_support = comparison_module("vtkmodules.util.numpy_support", "converters")
-    core, model = (
-        comparison_module("vtkmodules.vtkCommonCore", "converters"),
-        comparison_module("vtkmodules.vtkCommonDataModel", "converters"),
-    )
+def unstructured_grid(mesh: LinearMesh, extra: str = "compare") -> Any:
+    """A linear mesh as VTK's unstructured grid, without values; ``extra`` brings VTK."""
+    numpy_support = comparison_module("vtkmodules.util.numpy_support", extra)
+    core = comparison_module("vtkmodules.vtkCommonCore", extra)
+    model = comparison_module("vtkmodules.vtkCommonDataModel", extra)
     points, cells, grid = core.vtkPoints(), model.vtkCellArray(), model.vtkUnstructuredGrid()
     points.SetData(numpy_support.numpy_to_vtk(mesh.points, deep=True))
     corners = mesh.simplices.shape[1]
@@ -55,6 +54,13 @@ def _save_vtu(mesh: LinearMesh, path: Path) -> None:
     cells.SetData(*(numpy_support.numpy_to_vtkIdTypeArray(array, deep=True) for array in (ends, flat)))
     grid.SetPoints(points)
     grid.SetCells(model.VTK_TRIANGLE if corners == 3 else model.VTK_TETRA, cells)
+    return grid
+
+
+def _save_vtu(mesh: LinearMesh, path: Path) -> None:
+    """Any mesh through VTK."""
+    grid = unstructured_grid(mesh, "converters")
+    numpy_support = comparison_module("vtkmodules.util.numpy_support", "converters")
     for data, name, values in (
         *((grid.GetPointData(), name, values) for name, values in mesh.values.items()),
         (grid.GetCellData(), "element", mesh.element),

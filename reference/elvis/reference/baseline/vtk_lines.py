@@ -9,6 +9,7 @@ import numpy as np
 from elvis.core.base.arrays import Floats
 from elvis.core.streamlines.velocity import Velocity
 from elvis.reference.baseline.mesh import LinearMesh
+from elvis.reference.baseline.saving import unstructured_grid
 from elvis.reference.extras import comparison_module
 
 #: requested error of a step of its adaptive method of order 4 and 5, relative to the box, and maximum number of steps
@@ -20,18 +21,9 @@ _VECTOR = "elvis_velocity"
 
 def linear_grid(mesh: LinearMesh, velocity: Velocity) -> Any:
     """A linear mesh as VTK's unstructured grid, with the exact velocity at its corners."""
-    numpy_support = comparison_module("vtkmodules.util.numpy_support")
-    core, model = comparison_module("vtkmodules.vtkCommonCore"), comparison_module("vtkmodules.vtkCommonDataModel")
-    corners = mesh.simplices.shape[1]
     owner = np.zeros(len(mesh.points), np.int64)
-    owner[mesh.simplices.ravel()] = np.repeat(mesh.element, corners)
-    points, cells, grid = core.vtkPoints(), model.vtkCellArray(), model.vtkUnstructuredGrid()
-    points.SetData(numpy_support.numpy_to_vtk(mesh.points, deep=True))
-    ends = np.arange(0, mesh.simplices.size + 1, corners, dtype=np.int64)
-    flat = mesh.simplices.astype(np.int64).ravel()
-    cells.SetData(*(numpy_support.numpy_to_vtkIdTypeArray(array, deep=True) for array in (ends, flat)))
-    grid.SetPoints(points)
-    grid.SetCells(model.VTK_TRIANGLE if corners == 3 else model.VTK_TETRA, cells)
+    owner[mesh.simplices.ravel()] = np.repeat(mesh.element, mesh.simplices.shape[1])
+    grid = unstructured_grid(mesh)
     set_velocity(grid, velocity.in_world(owner, mesh.reference))
     return grid
 

@@ -33,7 +33,6 @@ from elvis.reference.scenes.tubes import tube_crossings
 from elvis.reference.scenes.volumes import VolumeRays
 from elvis.reference.sources import Source
 from elvis.scene import (
-    Camera,
     CutSurface,
     Faces,
     Glyphs,
@@ -47,7 +46,7 @@ from elvis.scene import (
     VolumeRendering,
 )
 from elvis.scene.cameras.fitting import automatic, empty_picture_remark, surrounding
-from elvis.scene.cameras.view import View
+from elvis.scene.cameras.view import View, space_view
 from elvis.scene.flow.flow import heads_in
 from elvis.scene.flow.frusta import keys_of
 from elvis.scene.model.errors import SceneError
@@ -73,14 +72,14 @@ def render(source: Source, scene: Scene) -> Frame:
     tracer = Scenery(quantities, surrounding(boxes) if sum(map(len, boxes)) else np.zeros((2, 3)))
 
     def glance(small: Scene) -> Bools:
-        view = _view(small)
+        view = space_view(small)
         seen = np.zeros(view.count, bool)
         for shown in small.every_object:
             seen[tracer.crossings(shown, small, view).pixel] = True
         return seen.reshape(view.height, view.width)
 
     scene = automatic(scene, boxes, glance)
-    frame = quantities.outward(tracer.frame(scene, _view(scene)))
+    frame = quantities.outward(tracer.frame(scene, space_view(scene)))
     if not frame.status.any():
         raise SceneError(empty_picture_remark(scene.only_plane, surrounding(boxes)))
     frame.stats.update(
@@ -90,12 +89,6 @@ def render(source: Source, scene: Scene) -> Frame:
         seconds={"frame": perf_counter() - start},
     )
     return frame
-
-
-def _view(scene: Scene) -> View:
-    assert isinstance(scene.camera, Camera)
-    assert scene.size is not None
-    return View.through(scene.camera, scene.size)
 
 
 @dataclass(eq=False)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -30,6 +30,7 @@ from elvis.scene.commandline.composing import with_settings
 from elvis.scene.model.errors import AbsentError, SceneError
 from elvis.scene.record.frame import Frame
 
+Read = TypeVar("Read")
 #: a scene and the file of its picture
 Shot: TypeAlias = tuple[Scene, Path]
 
@@ -174,13 +175,15 @@ class Film:
 
         Ranks, which have to agree on it, read nothing while a picture is drawn.
         """
-        return _part(series, moment) if self._is_in_parts else self._begun(series, moment).result()
+        if self._is_in_parts:
+            return _unless_damaged(series, moment, series.part_at)
+        return self._begun(series, moment).result()
 
     def _begun(self, series: Series, moment: Moment) -> Future[Dataset | None]:
         """The complete data of a moment: the ones that are being read, if they match."""
         if self._next is not None and self._next[0] == moment:
             return self._next[1]
-        return self._reader.submit(_read, series, moment)
+        return self._reader.submit(_unless_damaged, series, moment, series.at_moment)
 
     def _lacks_fields(self, moment: Moment, data: Dataset | Portion) -> bool:
         """Whether data lack what the animation shows; SceneError if no step was shown and the last does too."""
@@ -225,13 +228,7 @@ class Film:
         return data
 
 
-def _part(series: Series, moment: Moment) -> Portion | Dataset | None:
-    """A rank's part of the data of a moment, or all of them; None as of `_read`."""
+def _unless_damaged(series: Series, moment: Moment, read: Callable[[Moment], Read]) -> Read | None:
+    """What is read of a moment; None where that is a step that can't be read."""
     is_damaged = moment.step is not None and bool(series.fault(moment.step))
-    return None if is_damaged else series.part_at(moment)
-
-
-def _read(series: Series, moment: Moment) -> Dataset | None:
-    """The data of a moment; None where that is a step that can't be read."""
-    is_damaged = moment.step is not None and bool(series.fault(moment.step))
-    return None if is_damaged else series.at_moment(moment)
+    return None if is_damaged else read(moment)

@@ -13,9 +13,9 @@ from elvis.core.mapping.boxes import Boxes
 from elvis.core.mapping.pointwise import positions
 from elvis.core.quantities import Expression
 from elvis.core.quantities.evaluator import Evaluator
-from elvis.scene import Camera, Faces, Plane, Scene, Style
+from elvis.scene import Faces, Plane, Scene, Style
 from elvis.scene.cameras.fitting import automatic, empty_picture_remark, surrounding
-from elvis.scene.cameras.view import View
+from elvis.scene.cameras.view import View, space_view
 from elvis.scene.model.errors import AbsentError, SceneError
 from elvis.scene.record.frame import Drawing, Frame, Legend, Ordinate, Status
 from elvis.scene.record.line_coverage import line_coverage
@@ -115,17 +115,12 @@ def _view(curves: Curves, scene: Scene, is_flat: bool, width: float) -> View:
     """The view of a scene, perpendicular to flat data."""
     ground = Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)) if is_flat else None
 
-    def through(completed: Scene) -> View:
-        assert isinstance(completed.camera, Camera)
-        assert completed.size is not None
-        return View.through(completed.camera, completed.size)
-
     def glance(small: Scene) -> Bools:
-        view = through(small)
+        view = space_view(small)
         near = np.isfinite(curves.nearest(view, 0.5 * width)[0])
         return np.asarray(near.reshape(view.height, view.width))
 
-    return through(automatic(replace(scene, plane=ground, objects=()), [curves.boxes()], glance))
+    return space_view(automatic(replace(scene, plane=ground, objects=()), [curves.boxes()], glance))
 
 
 def _frame(

@@ -108,7 +108,7 @@ class Session:
         """
         try:
             return self._show(step, time, fields)
-        except Exception as error:
+        except Exception as error:  # noqa: BLE001 - no fault of a picture may stop the solver
             self._report(step, error)
             return None
 

@@ -251,14 +251,19 @@ class PlaneView(View):
         return np.asarray(-self.across if self.across @ towards > 0 else self.across)
 
 
+def space_view(scene: Scene) -> View:
+    """The view of a scene whose camera and size are known, without its plane."""
+    assert isinstance(scene.camera, Camera)
+    assert scene.size is not None
+    return View.through(scene.camera, scene.size)
+
+
 def view_of(scene: Scene) -> View:
     """The view of a scene whose camera and size are known (see fitting.automatic).
 
     A view of a single plane contains the plane.  Raises SceneError if the camera looks along it.
     """
-    assert isinstance(scene.camera, Camera)
-    assert scene.size is not None
-    view = View.through(scene.camera, scene.size)
+    view = space_view(scene)
     if scene.only_plane is None:
         return view
     view = PlaneView.on(view, scene.only_plane)
