@@ -1,12 +1,9 @@
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from elvis.core.shapes import Shape
-from elvis.plugins.command.command import elvis as group
 from elvis.plugins.conversion.discovery import Candidate
 from elvis.plugins.conversion.plugin import Converter, Elements, SourceField
 from elvis.plugins.testing import positions_at, values_at, values_found
@@ -29,29 +26,6 @@ def findings():
     if not folder.is_dir():
         pytest.skip(f"there is no {folder}")
     return folder
-
-
-@pytest.fixture
-def elvis():
-    """Run a command in this process and return what it printed; failures come out as they are."""
-
-    def run(*arguments):
-        outcome = CliRunner().invoke(group, [str(argument) for argument in arguments], standalone_mode=False)
-        if outcome.exception:
-            raise outcome.exception
-        return outcome.stdout
-
-    return run
-
-
-@pytest.fixture
-def elvis_json(elvis):
-    """As ``elvis``, what is printed parsed as strict JSON."""
-
-    def refuse(constant):
-        raise ValueError(constant)
-
-    return lambda *arguments: json.loads(elvis(*arguments, "--json"), parse_constant=refuse)
 
 
 class Truth:
@@ -106,6 +80,22 @@ def near():
         return True
 
     return compare
+
+
+@pytest.fixture(scope="module")
+def ngsolve():
+    return pytest.importorskip("ngsolve")
+
+
+@pytest.fixture(scope="module")
+def disk(ngsolve):
+    """NGSolve's mesh of the unit disk, curved of order 4."""
+    occ = pytest.importorskip("netgen.occ")
+    face = occ.WorkPlane().Circle(0, 0, 1).Face()
+    face.edges.name = "rim"
+    mesh = ngsolve.Mesh(occ.OCCGeometry(face, dim=2).GenerateMesh(maxh=0.5))
+    mesh.Curve(4)
+    return mesh
 
 
 class Moving(Converter):

@@ -8,21 +8,6 @@ from elvis import at_phase, deform, from_mfem, from_ngsolve, integrate, sample
 SCALE = 1.5
 
 
-@pytest.fixture(scope="module")
-def ngsolve():
-    return pytest.importorskip("ngsolve")
-
-
-@pytest.fixture(scope="module")
-def disk(ngsolve):
-    occ = pytest.importorskip("netgen.occ")
-    face = occ.WorkPlane().Circle(0, 0, 1).Face()
-    face.edges.name = "rim"
-    mesh = ngsolve.Mesh(occ.OCCGeometry(face, dim=2).GenerateMesh(maxh=0.5))
-    mesh.Curve(4)
-    return mesh
-
-
 def clamped_disk(ngsolve, mesh):
     """Linear elasticity under a body force, with a fixed rim."""
     space = ngsolve.VectorH1(mesh, order=3, dirichlet="rim")

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from archives import arrays_of
+from source_blocks import where
 
 from elvis.converters.gmsh.gmsh import Gmsh
 from elvis.core.base.errors import ElvisError, FormatError
@@ -102,12 +103,6 @@ def save(path, version=4.1, binary=0, views=()):
     for view in views:
         gmsh.view.write(view, str(path), append=True)
     return path
-
-
-def where(source, tags):
-    """Block and row of each element."""
-    pairs = {int(tag): (i, row) for i, b in enumerate(source.blocks) for row, tag in enumerate(b.ids)}
-    return np.array([pairs[int(tag)] for tag in tags]).T
 
 
 @shared

@@ -8,21 +8,15 @@ from elvis import diff, from_mfem, from_ngsolve, read
 from elvis.core.integrals import integrate
 
 
-def test_integrals_and_norms_of_ngsolve():
-    """A curved disk of order 4: over the domain, of derivatives, over the rim, and the difference of two functions."""
-    ngsolve = pytest.importorskip("ngsolve")
-    occ = pytest.importorskip("netgen.occ")
-    face = occ.WorkPlane().Circle(0, 0, 1).Face()
-    face.edges.name = "rim"
-    mesh = ngsolve.Mesh(occ.OCCGeometry(face, dim=2).GenerateMesh(maxh=0.7))
-    mesh.Curve(4)
-    u, v = (ngsolve.GridFunction(ngsolve.H1(mesh, order=order)) for order in (5, 3))
+def test_integrals_and_norms_of_ngsolve(ngsolve, disk):
+    """Integrals over the domain, of derivatives, over the rim, and the difference of two functions."""
+    u, v = (ngsolve.GridFunction(ngsolve.H1(disk, order=order)) for order in (5, 3))
     for function in (u, v):
         function.Set(ngsolve.sin(3 * ngsolve.x) * (1 + ngsolve.y))
-    first, second = from_ngsolve(mesh, u=u), from_ngsolve(mesh, u=v)
+    first, second = from_ngsolve(disk, u=u), from_ngsolve(disk, u=v)
 
     def own(formula, where=ngsolve.VOL):
-        return ngsolve.Integrate(formula, mesh, where, order=24)
+        return ngsolve.Integrate(formula, disk, where, order=24)
 
     slopes = ngsolve.grad(u) - ngsolve.grad(v)
     off = own((u - v) ** 2)

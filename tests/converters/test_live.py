@@ -11,21 +11,6 @@ from elvis.plugins.conversion.nodal import tensor_nodes
 
 
 @pytest.fixture(scope="module")
-def ngsolve():
-    return pytest.importorskip("ngsolve")
-
-
-@pytest.fixture(scope="module")
-def disk(ngsolve):
-    occ = pytest.importorskip("netgen.occ")
-    face = occ.WorkPlane().Circle(0, 0, 1).Face()
-    face.edges.name = "rim"
-    mesh = ngsolve.Mesh(occ.OCCGeometry(face, dim=2).GenerateMesh(maxh=0.5))
-    mesh.Curve(4)
-    return mesh
-
-
-@pytest.fixture(scope="module")
 def mfem():
     return pytest.importorskip("mfem.ser")
 

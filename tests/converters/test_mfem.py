@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from source_blocks import where
 
 from elvis import read, sample
 from elvis.converters.mfem.mfem import Mfem, _numbered
@@ -24,12 +25,6 @@ CASES = [
     ("tinyzoo", "uvw", False),
     ("stream_laghos", "f", None),
 ]
-
-
-def where(source, elements):
-    """(2, n) block and row of each element."""
-    places = {int(i): (b, row) for b, block in enumerate(source.blocks) for row, i in enumerate(block.ids)}
-    return np.array([places[int(i)] for i in elements]).T
 
 
 def by_element(conversion, source, evaluate, elements, ref):

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from archives import arrays_of
+from source_blocks import where
 from vtk_writer import NODES, cube, grid, linear, one, write
 
 from elvis import integrate, open_series, read, sample
@@ -36,12 +37,6 @@ def inside(source, block, count=40):
 
     piece = source.blocks[block]
     return source.positions(piece, _points(piece)).reshape(-1, 3)[:count]
-
-
-def where(source, ids):
-    """Block and row of each of the source's elements."""
-    pairs = {int(id): (i, row) for i, b in enumerate(source.blocks) for row, id in enumerate(b.ids)}
-    return np.array([pairs[int(id)] for id in ids]).T
 
 
 @shared

@@ -7,6 +7,7 @@ from math import asinh, atan, erf, pi, prod, sqrt
 
 import numpy as np
 import pytest
+from warps import bubble
 
 from elvis.core.base.errors import ElvisError
 from elvis.core.data.dataset import Dataset
@@ -37,13 +38,6 @@ CLOSED = {
     "sqrt(x*y)": 4 / 9,
     "if(x-0.37, x, step(y-0.37))": (1 - C * C) / 2 + C * (1 - C),
 }
-
-
-def bubble(points):
-    """A warp that keeps the border of the unit square or cube."""
-    is_used = points.any(axis=0)
-    inner = np.prod(np.where(is_used, 4 * points * (1 - points), 1.0), axis=1)
-    return points + np.where(is_used, 0.12 * inner[:, None] * [1.0, -0.7, 0.4], 0.0)
 
 
 @pytest.mark.sampled(least=6)

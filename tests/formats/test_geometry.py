@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from element_maps import by_element
 
 from elvis.core.data.dataset import Dataset
 from elvis.core.mapping.geometry import geometry
@@ -21,12 +22,6 @@ from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_vo
 
 LINES = (PointsType.LOBATTO_LEGENDRE, PointsType.POLY_EVENLY_SPACED)
 TRIANGLES = (PointsType.TRIANGLE_EVENLY_SPACED, PointsType.TRIANGLE_ELECTROSTATIC, PointsType.TRIANGLE_FEKETE)
-
-
-def by_element(mesh):
-    """Element id -> (expansion, (3, m) coefficients)."""
-    blocks = geometry(Dataset(mesh))
-    return {int(id): (b.expansion, c) for b in blocks for id, c in zip(b.element_ids, b.coefficients, strict=True)}
 
 
 def inner_points(shape, count=6, seed=1):

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from element_maps import by_element
 
 from elvis.core.base.arrays import frozen_ints
 from elvis.core.base.errors import ElvisError, FormatError
@@ -14,12 +15,6 @@ from elvis.core.mapping.geometry import geometry
 from elvis.core.mapping.patch import patches
 from elvis.core.shapes import Shape
 from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
-
-
-def by_element(mesh):
-    """Element id -> (expansion, (3, m) coefficients)."""
-    blocks = geometry(Dataset(mesh))
-    return {int(id): (b.expansion, c) for b in blocks for id, c in zip(b.element_ids, b.coefficients, strict=True)}
 
 
 def test_straight_and_curved_elements_form_separate_patches():

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from made_fields import constant
 from scipy.integrate import solve_ivp
 from scipy.integrate._ivp import dop853_coefficients
 from scipy.linalg import expm
@@ -25,10 +26,6 @@ def data(mesh, functions, modes=3):
     """A dataset with the fields u, v, …"""
     bare = Dataset(mesh)
     return Dataset(mesh, tuple(approximated(bare, name, own, modes) for name, own in functions.items()))
-
-
-def constant(value):
-    return lambda p: np.full(len(p), float(value))
 
 
 #: rigid rotation about (0.5, 0.5), a little way up each turn

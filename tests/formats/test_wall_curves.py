@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from warps import sector
 
 from elvis import Dataset, ElvisError, Shape, from_arrays, integrate, write
 from elvis.core.data.mesh import Composite
@@ -72,13 +73,6 @@ def test_a_plane_close_to_a_bulge_finds_a_loop_within_one_side():
     assert curve.is_closed
     area, _ = enclosed(curve, np.array([0.0, 0.0, 1.0]))
     assert area == pytest.approx(integrate(data, "1", over="plane:0,0,1.03:0,0,1").value, rel=1e-9)
-
-
-def sector(points):
-    """The unit cube onto a part of a ball between the radii 1 and 2."""
-    radius, height, angle = 1 + points[..., 2], 1.2 + 0.4 * points[..., 1], 0.5 * points[..., 0]
-    flat = radius * np.sin(height)
-    return np.stack([flat * np.cos(angle), flat * np.sin(angle), radius * np.cos(height)], axis=-1)
 
 
 def test_arcs_of_spheres_have_their_length():

@@ -2,13 +2,12 @@
 
 from dataclasses import replace
 
+import conditioning
 import numpy as np
 import pytest
 
 from elvis import Camera, CutSurface, Isosurface, Plane, Scene, Status
-from elvis.core.data.dataset import Block, Dataset, Field
 from elvis.core.shapes import Shape
-from elvis.core.testing import grid, with_field
 from elvis.reference.picture import render
 from elvis.reference.record import Record
 from elvis.reference.tolerances import check_tolerances
@@ -17,13 +16,8 @@ CAMERA, SIZE = Camera((2.6, -1.9, 1.9), (0.5, 0.5, 0.25), fov=32.0), (18, 18)
 
 
 def exact(shape, function, scale, offset):
-    """A function of z on the unit cube, times a scale, and an offset: coefficients of few binary digits."""
-    mesh, modes = grid(shape, 1), []
-    for own in (lambda p: function(p[:, 2]), lambda p: np.ones(len(p))):
-        block = with_field(mesh, own, 4).fields[0].blocks[0]
-        modes.append(np.rint(block.coefficients * 2.0**20) / 2.0**20)
-    values = scale * modes[0] + offset * modes[1]
-    return Dataset(mesh, (Field("u", (Block(block.expansion, block.element_ids, values),)),))
+    """A function of z."""
+    return conditioning.exact(shape, lambda points: function(points[:, 2]), scale, offset)
 
 
 def picture(data, level, *objects):

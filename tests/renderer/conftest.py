@@ -12,6 +12,8 @@ from elvis.core.bounds.ranges import field_range
 from elvis.core.data.dataset import Block, Dataset, Field
 from elvis.core.mapping.geometry import geometry
 from elvis.core.mapping.margins import margins
+from elvis.core.shapes import Shape
+from elvis.core.testing import grid
 from elvis.formats.reading import read
 from elvis.plugins.faces import faces_of
 from elvis.plugins.runtime.serving import volume_of
@@ -173,3 +175,9 @@ def linear():
         return Dataset(mesh, (Field(name, tuple(blocks)),))
 
     return make
+
+
+@pytest.fixture(scope="session")
+def cube(linear):
+    """Eight hexahedra of the unit cube with the field of ``linear``."""
+    return linear(grid(Shape.HEXAHEDRON, 2))

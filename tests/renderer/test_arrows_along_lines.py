@@ -4,31 +4,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made_fields import constant, data
 
 from elvis import Camera, SceneError, Streamlines, Style
 from elvis.core.base.errors import ElvisError
-from elvis.core.data.dataset import Dataset
 from elvis.core.shapes import Shape
 from elvis.core.streamlines.course import Course
 from elvis.core.streamlines.lines.pieces import curves
 from elvis.core.streamlines.marks import marks
-from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
+from elvis.core.testing import curved, grid, mixed_volume, ripple
 from elvis.scene.commandline.parameters import streamlines
 from elvis.scene.flow.flow import heads_in
 
 #: of the screw: turns in time, speed along its axis y = z = 0.5, distance of a seed from that
 TURN, SPEED, RADIUS = 1.2, 0.3, 0.25
 SEED = (0.9, 0.5 + RADIUS, 0.5)
-
-
-def data(mesh, **functions):
-    """A dataset with fields of degree 4."""
-    bare = Dataset(mesh)
-    return Dataset(mesh, tuple(approximated(bare, name, own, 5) for name, own in functions.items()))
-
-
-def constant(value):
-    return lambda p: np.full(len(p), float(value))
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from warps import bent_plane, bent_volume, cubic, straightened_plane, straightened_volume
 
 from elvis import Camera, Plane, Status
 from elvis.core.data.dataset import Dataset
@@ -17,34 +18,6 @@ VIEWS = {
     "oblique": {"camera": Camera((4.0, -3.0, 3.0), (1.4, 0.9, 0.6), (0.0, 0.0, 1.0), height=3.0)},
     "perspective": {"camera": Camera((2.5, -1.5, 2.5), (1.4, 0.5, 0.6), (0.0, 0.0, 1.0), fov=70.0)},
 }
-
-
-def bent_plane(points):
-    """A shear of second degree: elements of three nodes along an edge follow it exactly."""
-    return points + 0.2 * points[:, :1] ** 2 * [0, 1, 0]
-
-
-def bent_volume(points):
-    """Another in the third direction, to the same degree."""
-    x, y, _ = points.T
-    return bent_plane(points) + np.outer(0.25 * x * y - 0.15 * y**2, [0, 0, 1])
-
-
-def straightened_plane(points):
-    """The inverse of ``bent_plane``."""
-    return points - 0.2 * points[:, :1] ** 2 * [0, 1, 0]
-
-
-def straightened_volume(points):
-    """The inverse of ``bent_volume``."""
-    x, y, _ = straightened_plane(points).T
-    return straightened_plane(points) - np.outer(0.25 * x * y - 0.15 * y**2, [0, 0, 1])
-
-
-def cubic(points):
-    """A field of third degree in the straight coordinates."""
-    x, y, z = points.T
-    return 1 + x - 2 * y * z + x**2 * y - z**3 + 0.3 * y**3
 
 
 def depths(mesh, points):

@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 
 from elvis import Camera, CutSurface, DeviceError, Faces, Isosurface, Plane, Renderer, Scene, render
-from elvis.core.shapes import Shape
-from elvis.core.testing import grid
 from elvis.renderer.device import persistence
 from elvis.renderer.device.device import Device
 from elvis.renderer.device.errors import DeviceLostError
@@ -23,11 +21,6 @@ pytestmark = [
     pytest.mark.skipif(not sys.platform.startswith("linux"), reason="threads are counted in /proc"),
     pytest.mark.own_devices,
 ]
-
-
-@pytest.fixture(scope="module")
-def cube(linear):
-    return linear(grid(Shape.HEXAHEDRON, 2))
 
 
 @pytest.fixture

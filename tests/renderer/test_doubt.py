@@ -13,11 +13,6 @@ ABOVE, SIZE = Camera((0.5, 0.5, 5.0), (0.5, 0.5, 0.0), (0.0, 1.0, 0.0), height=1
 ASIDE = Camera((2.6, -1.9, 1.9), (0.5, 0.5, 0.25), fov=32.0)
 
 
-@pytest.fixture(scope="module")
-def cube(linear):
-    return linear(grid(Shape.HEXAHEDRON, 2))
-
-
 @pytest.mark.parametrize(
     "surface", [Sphere((0.5, 0.5, 0.5), 15 / 51), Cylinder((0.5, 0.5, 0.5), (1.0, 0.0, 0.0), 15 / 51)]
 )

@@ -10,6 +10,7 @@ import pytest
 from click import BadParameter
 from matplotlib.text import Annotation
 from PIL import Image
+from warps import bent_plane
 
 from elvis import (
     Camera,
@@ -43,14 +44,9 @@ CLOSE = 0.02
 BOTH = Style(contours=Contours(values=(0.4, 0.9, 1.7)), mesh_lines=MeshLines())
 
 
-def bent(points):
-    """A shear of second degree."""
-    return points + 0.2 * points[:, :1] ** 2 * [0, 1, 0]
-
-
 @pytest.fixture(scope="module")
 def plane(linear):
-    return linear(curved(grid(Shape.QUADRILATERAL, 3), bent, 3))
+    return linear(curved(grid(Shape.QUADRILATERAL, 3), bent_plane, 3))
 
 
 @pytest.fixture(scope="module")

@@ -4,29 +4,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made_fields import constant, data
 
 from elvis import Camera, Clip, CutSurface, Faces, Glyphs, Plane, SceneError, Sphere, Status, Style, render
 from elvis.core.data.dataset import Dataset, Field, Homogeneous
 from elvis.core.polynomials.bases import Basis
 from elvis.core.shapes import Shape
 from elvis.core.streamlines.anchors import anchors
-from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
+from elvis.core.testing import curved, grid, mixed_volume, ripple
 from elvis.scene.commandline.composing import composed
 from elvis.scene.commandline.parameters import glyphs
 from elvis.scene.commandline.writing import option_words
 from elvis.scene.figure.picture import picture
 from elvis.scene.flow.frusta import frusta_in
 from elvis.scene.model.tables import scene_of, table_of
-
-
-def data(mesh, **functions):
-    """A dataset with fields of degree 4."""
-    bare = Dataset(mesh)
-    return Dataset(mesh, tuple(approximated(bare, name, own, 5) for name, own in functions.items()))
-
-
-def constant(value):
-    return lambda p: np.full(len(p), float(value))
 
 
 @pytest.fixture(scope="module")

@@ -4,6 +4,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from jets import POWERS, jets_of
 from kernel_functions import parted, width_of
 from numpy.polynomial import chebyshev
 
@@ -11,7 +12,6 @@ from elvis.core.polynomials.chebyshev_nodes import series
 from elvis.renderer.passes.isosurface.enclosing import AXES, BOXES, powers, tails
 
 COUNT, LEAVES, UNIT = 32, 5, 1.2e-16
-POWERS = np.array([[k % 3, k // 3 % 3, k // 9] for k in range(27)])
 ORDER = POWERS.sum(axis=1)
 NODES, TO_CHEBYSHEV = series(2)
 TO_POWERS = powers(TO_CHEBYSHEV)
@@ -54,15 +54,9 @@ class Boxes:
     def jets(self, s):
         """Values and derivatives (n, p, 5, 4) along s at points (n, p, 3) of sub-elements, also complex ones."""
         r = self.centre[:, None] + self.half[:, None] * s
-        powers_of = np.stack([np.ones_like(r), r, r**2], axis=-1)
-        slopes_of = np.stack([np.zeros_like(r), np.ones_like(r), 2 * r], axis=-1)
-        jets = []
-        for axis in (None, 0, 1, 2):
-            lines = [slopes_of if k == axis else powers_of for k in range(3)]
-            terms = np.prod([line[:, :, k, POWERS[:, k]] for k, line in enumerate(lines)], axis=0)
-            scale = 1.0 if axis is None else self.half[:, None, None, axis]
-            jets.append(scale * np.einsum("npt,nlt->npl", terms, self.coefficients).reshape(COUNT, -1, LEAVES))
-        return np.stack(jets, axis=-1)
+        jets = jets_of(self.coefficients, r)
+        jets[..., 1:] *= self.half[:, None, None]
+        return jets
 
 
 def on_ellipses(rng, axis):

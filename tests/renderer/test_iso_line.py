@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from jets import POWERS, jets_of
 from kernel_functions import parted, rows_of, width_of
 
 COUNT, UNIT = 64, 1.2e-16
-POWERS = np.array([[k % 3, k // 3 % 3, k // 9] for k in range(27)])
 #: points of a line, and the matrix to Bernstein coefficients of degree 3
 NODES = np.array([0.0, 0.25, 0.75, 1.0])
 BERNSTEIN = np.stack([[1, 3, 3, 1][k] * NODES**k * (1 - NODES) ** (3 - k) for k in range(4)], axis=1)
@@ -104,13 +104,7 @@ class Rays:
 
     def jets(self, function, r):
         """Values and derivatives (n, 4) of a function at points (n, 3)."""
-        powers = np.stack([np.ones_like(r), r, r**2], axis=-1)
-        slopes = np.stack([np.zeros_like(r), np.ones_like(r), 2 * r], axis=-1)
-        found = []
-        for axis in (None, 0, 1, 2):
-            lines = [(slopes if k == axis else powers)[:, k][:, POWERS[:, k]] for k in range(3)]
-            found.append((np.prod(lines, axis=0) * self.polynomials[:, function]).sum(axis=1))
-        return np.stack(found, axis=1)
+        return jets_of(self.polynomials[:, [function]], r[:, None])[:, 0, 0]
 
 
 @pytest.fixture(scope="module")

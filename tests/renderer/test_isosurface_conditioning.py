@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conditioning import exact
 
 from elvis import Camera, CutSurface, Isosurface, Plane, Status
 from elvis.core.data.dataset import Block, Dataset, Field
@@ -56,16 +57,6 @@ def iso(renderer):
         )
 
     return draw
-
-
-def exact(shape, function, scale=1.0, offset=0.0, cells=1):
-    """A function on the unit cube, times a scale, and an offset: coefficients of few binary digits."""
-    mesh, modes = grid(shape, cells), []
-    for own in (function, lambda p: np.ones(len(p))):
-        block = with_field(mesh, own, 4).fields[0].blocks[0]
-        modes.append(np.rint(block.coefficients * 2.0**20) / 2.0**20)
-    values = scale * modes[0] + offset * modes[1]
-    return Dataset(mesh, (Field("u", (Block(block.expansion, block.element_ids, values),)),))
 
 
 def places(view, axis, place):

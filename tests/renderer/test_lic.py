@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made_fields import data
 
 from elvis import (
     Camera,
@@ -22,7 +23,7 @@ from elvis import (
 )
 from elvis.core.data.dataset import Dataset
 from elvis.core.shapes import Shape
-from elvis.core.testing import approximated, curved, grid, mixed_plane, mixed_volume, ripple
+from elvis.core.testing import curved, grid, mixed_plane, mixed_volume, ripple
 from elvis.renderer.device import persistence
 from elvis.scene.cameras.view import View
 from elvis.scene.commandline.composing import composed
@@ -30,12 +31,6 @@ from elvis.scene.commandline.writing import option_words
 from elvis.scene.figure.picture import sentences
 from elvis.scene.flow.streaks import _covariance, cells, middle, noise, scale_of, spread, toned, tones, weights
 from elvis.scene.model.tables import scene_of, table_of
-
-
-def data(mesh, **functions):
-    """A dataset with fields of degree 4."""
-    bare = Dataset(mesh)
-    return Dataset(mesh, tuple(approximated(bare, name, own, 5) for name, own in functions.items()))
 
 
 @pytest.fixture(scope="module")

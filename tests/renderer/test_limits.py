@@ -22,8 +22,6 @@ from elvis import (
     render,
 )
 from elvis.core.data.dataset import Field
-from elvis.core.shapes import Shape
-from elvis.core.testing import grid
 from elvis.plugins.command import command
 from elvis.renderer.device import device, persistence
 from elvis.renderer.device.errors import DeviceLostError
@@ -33,11 +31,6 @@ from elvis.scene.record.palette import NOT_A_NUMBER
 
 NEAR = Camera((2.0, -1.6, 1.7), (0.5, 0.5, 0.5), fov=35.0)
 PLANE = Plane((0.5, 0.5, 0.4), (0.1, 0.2, 1.0))
-
-
-@pytest.fixture(scope="module")
-def cube(linear):
-    return linear(grid(Shape.HEXAHEDRON, 2))
 
 
 def test_pictures_larger_than_memory_are_rejected(draw, cube, monkeypatch):

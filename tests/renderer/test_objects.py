@@ -71,11 +71,6 @@ def data(linear):
     return linear(curved(grid(Shape.TETRAHEDRON, 2), ripple(0.04, seed=2), 2))
 
 
-@pytest.fixture(scope="module")
-def cube(linear):
-    return linear(grid(Shape.HEXAHEDRON, 2))
-
-
 @pytest.mark.parametrize("camera", [NEAR, FLAT], ids=["perspective", "parallel"])
 @pytest.mark.parametrize("name", SURFACES)
 def test_cuts_by_surfaces_lie_on_them(draw, data, name, camera):

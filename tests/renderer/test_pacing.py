@@ -40,11 +40,6 @@ SCENES = {
 }
 
 
-@pytest.fixture(scope="module")
-def cube(linear):
-    return linear(grid(Shape.HEXAHEDRON, 2))
-
-
 @pytest.fixture
 def tiny(monkeypatch):
     """As many dispatches as there are groups."""

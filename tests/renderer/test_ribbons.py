@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made_fields import constant, data
 from scipy.integrate import solve_ivp
 
 from elvis import Camera, Clip, CutSurface, Plane, SceneError, Sphere, Status, Streamlines, Style
@@ -20,16 +21,6 @@ from elvis.scene.model.tables import scene_of, table_of
 
 #: of the screw: turns in time, speed along its axis y = z = 0.5
 TURN, SPEED = 1.2, 0.3
-
-
-def data(mesh, **functions):
-    """A dataset with fields of degree 4."""
-    bare = Dataset(mesh)
-    return Dataset(mesh, tuple(approximated(bare, name, own, 5) for name, own in functions.items()))
-
-
-def constant(value):
-    return lambda p: np.full(len(p), float(value))
 
 
 def screw(mesh):

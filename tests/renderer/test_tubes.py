@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made_fields import constant, data
 from scipy.optimize import minimize_scalar
 
 from elvis import Camera, Clip, CutSurface, Faces, Plane, Scene, SceneError, Sphere, Status, Streamlines, Style
-from elvis.core.data.dataset import Dataset
 from elvis.core.shapes import Shape
 from elvis.core.streamlines.streamlines import trace
-from elvis.core.testing import approximated, curved, grid, mixed_volume, ripple
+from elvis.core.testing import curved, grid, mixed_volume, ripple
 from elvis.renderer.asking.completing import completed
 from elvis.renderer.passes.tubes.tubes import GROUP_SIZE, TubeDrawer
 from elvis.scene.commandline.composing import composed
@@ -18,16 +18,6 @@ from elvis.scene.commandline.parameters import streamlines
 from elvis.scene.commandline.writing import option_words
 from elvis.scene.model.quantities import quantities
 from elvis.scene.model.tables import scene_of, table_of
-
-
-def data(mesh, **functions):
-    """A dataset with the fields u, v, w, of degree 4."""
-    bare = Dataset(mesh)
-    return Dataset(mesh, tuple(approximated(bare, name, own, 5) for name, own in functions.items()))
-
-
-def constant(value):
-    return lambda p: np.full(len(p), float(value))
 
 
 @pytest.fixture(scope="module")

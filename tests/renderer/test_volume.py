@@ -7,6 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from boxes_of_rays import EVEN, SIZE, VIEWS, WHITE, chord
+from warps import sheared
 
 from elvis import Camera, Plane, SceneError
 from elvis.core.data.dataset import Dataset
@@ -18,28 +20,6 @@ from elvis.scene import Clip, Transfer
 from elvis.scene.cameras.view import View
 
 SOLIDS = [shape for shape in Shape if shape.dimension == 3]
-SIZE = (36, 30)
-VIEWS = {
-    "parallel": Camera((3.0, -4.0, 2.5), (0.5, 0.55, 0.55), height=1.9),
-    "perspective": Camera((1.6, -1.1, 1.3), (0.5, 0.5, 0.5), fov=60.0),
-}
-WHITE = (1.0, 1.0, 1.0)
-EVEN = Transfer((0.0,), (1.0,), (WHITE,))
-
-
-def ends(view, low=(0.0, 0.0, 0.0), high=(1.0, 1.0, 1.0)):
-    """(n,) depths at which rays enter and leave a box, and whether they meet it."""
-    origins, ways = view.every_ray()
-    with np.errstate(divide="ignore"):
-        first, second = (np.array(low) - origins) / ways, (np.array(high) - origins) / ways
-    enter, leave = np.minimum(first, second).max(axis=1), np.maximum(first, second).min(axis=1)
-    return enter, leave, leave > np.maximum(enter, 0)
-
-
-def chord(view, **box):
-    """(n,) length of rays in a box."""
-    enter, leave, met = ends(view, **box)
-    return np.where(met, (leave - np.maximum(enter, 0)) * np.linalg.norm(view.every_ray()[1], axis=1), 0.0)
 
 
 @pytest.mark.sampled
@@ -52,12 +32,6 @@ def test_segments_add_up_to_the_chord(integrate, shape, camera):
     assert np.abs(light.alpha - (1 - np.exp(-chord(view)))).max() < 1e-9
     assert np.abs(light.color - light.alpha[:, None]).max() < 1e-12
     assert not light.lost.any()
-
-
-def sheared(points):
-    """A bend of second degree that keeps the cube's chords along z, and its volume."""
-    x, y, _ = points.T
-    return points + np.outer(0.3 * x * y - 0.2 * y**2, [0, 0, 1])
 
 
 @pytest.mark.sampled(least=2, free=("shape",))

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from boxes_of_rays import EVEN, SIZE, VIEWS, WHITE, box_ends, chord
+from warps import sheared
 
-from elvis import Camera
 from elvis.core.shapes import Shape
 from elvis.core.testing import curved, grid, with_field
 from elvis.renderer.passes.volume.media import Medium
@@ -22,29 +23,14 @@ from elvis.scene import (
 )
 from elvis.scene.cameras.view import View
 
-SIZE = (36, 30)
-VIEWS = {
-    "parallel": Camera((3.0, -4.0, 2.5), (0.5, 0.55, 0.55), height=1.9),
-    "perspective": Camera((1.6, -1.1, 1.3), (0.5, 0.5, 0.5), fov=60.0),
-}
-WHITE = (1.0, 1.0, 1.0)
-EVEN = Transfer((0.0,), (1.0,), (WHITE,))
 CENTRE = (0.45, 0.55, 0.5)
 NORMAL = np.array([1.0, -0.5, 0.3])
 
 
-def box_spans(view, low=(0.0, 0.0, 0.0), high=(1.0, 1.0, 1.0)):
+def box_spans(view, **box):
     """(n, 2) depths of rays in a box; empty ones end where they begin."""
-    origins, ways = view.every_ray()
-    with np.errstate(divide="ignore"):
-        first, second = (np.array(low) - origins) / ways, (np.array(high) - origins) / ways
-    enter, leave = np.minimum(first, second).max(axis=1), np.maximum(first, second).min(axis=1)
-    return np.where((leave > np.maximum(enter, 0))[:, None], np.stack([np.maximum(enter, 0), leave], axis=1), 0.0)
-
-
-def chord(view, **box):
-    """(n,) length of rays in a box."""
-    return box_spans(view, **box) @ [-1, 1] * np.linalg.norm(view.every_ray()[1], axis=1)
+    enter, leave, met = box_ends(view, **box)
+    return np.where(met[:, None], np.stack([np.maximum(enter, 0), leave], axis=1), 0.0)
 
 
 def overlap(one, other):
@@ -179,12 +165,6 @@ def test_volumes_of_two_quantities_are_mixed(integrate):
     before, behind = 1 - np.exp(-2 * lower), 1 - np.exp(-5 * upper)
     assert np.abs(light.color[:, 0] - (before + (1 - before) * 0.4 * behind)).max() < 1e-6
     assert np.abs(light.color[:, 1] - (1 - before) * 0.6 * behind).max() < 1e-6
-
-
-def sheared(points):
-    """A bend of second degree that keeps the cube's chords along z, and its volume."""
-    x, y, _ = points.T
-    return points + np.outer(0.3 * x * y - 0.2 * y**2, [0, 0, 1])
 
 
 def test_curved_elements_are_also_cut_and_composited(integrate):

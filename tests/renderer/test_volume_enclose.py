@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from jets import POWERS, jets_of
 from kernel_functions import parted, width_of
 
 from elvis.core.polynomials.chebyshev_nodes import series
 from elvis.renderer.passes.volume.bends import CUBE_AXES, ELLIPSES, LINE_AXES, _grown, line_tails
 
 COUNT, LEAVES, UNIT = 24, 5, 1.2e-16
-POWERS = np.array([[k % 3, k // 3 % 3, k // 9] for k in range(27)])
 ORDER = POWERS.sum(axis=1)
 NODES, TO_CHEBYSHEV = series(2)
 DISC = 7
@@ -33,17 +33,6 @@ FOUND = {
     "off": 1,
     "fixed": 1,
 }
-
-
-def jets_of(coefficients, s):
-    """Values and derivatives (n, p, 5, 4) of polynomials (n, 5, 27) at points (n, p, 3), also complex ones."""
-    powers = np.stack([np.ones_like(s), s, s**2], axis=-1)
-    slopes = np.stack([np.zeros_like(s), np.ones_like(s), 2 * s], axis=-1)
-    jets = []
-    for axis in (None, 0, 1, 2):
-        lines = [(slopes if k == axis else powers)[:, :, k][..., POWERS[:, k]] for k in range(3)]
-        jets.append(np.einsum("npt,nlt->npl", np.prod(lines, axis=0), coefficients))
-    return np.stack(jets, axis=-1)
 
 
 class Rays:

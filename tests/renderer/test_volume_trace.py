@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from jets import jets_of
 from kernel_functions import parted, rows_of, width_of
 from numpy.polynomial import Polynomial
 
 from elvis.renderer.volume.traversal import hermite_weights
 
 COUNT, NODES = 48, 8
-POWERS = np.array([[k % 3, k // 3 % 3, k // 9] for k in range(27)])
 FOUND = {
     **dict.fromkeys(["mean", "parabola", "cubic", "quintic"], 3),
     "net": 4,
@@ -72,13 +72,7 @@ class Rays:
 
     def jets(self, function, r):
         """Values and derivatives (n, 4) of a function at points (n, 3)."""
-        powers = np.stack([np.ones_like(r), r, r**2], axis=-1)
-        slopes = np.stack([np.zeros_like(r), np.ones_like(r), 2 * r], axis=-1)
-        found = []
-        for axis in (None, 0, 1, 2):
-            lines = [(slopes if k == axis else powers)[:, k][:, POWERS[:, k]] for k in range(3)]
-            found.append((np.prod(lines, axis=0) * self.polynomials[:, function]).sum(axis=1))
-        return np.stack(found, axis=1)
+        return jets_of(self.polynomials[:, [function]], r[:, None])[:, 0, 0]
 
     def curve(self, z, order=0):
         """Points (n, 3) at z (n,) of cubic curves, or their derivatives."""

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from warps import sector
 
 from elvis import Camera, Dataset, SceneError, Shape, Streamlines, Style, render
 from elvis.core.testing import approximated, curved, grid
@@ -9,16 +10,9 @@ from elvis.core.testing import approximated, curved, grid
 RADIUS = 0.03
 
 
-def ball(points):
-    """The unit cube onto a part of a ball between the radii 1 and 2."""
-    radius, height, angle = 1 + points[..., 2], 1.2 + 0.4 * points[..., 1], 0.5 * points[..., 0]
-    flat = radius * np.sin(height)
-    return np.stack([flat * np.cos(angle), flat * np.sin(angle), radius * np.cos(height)], axis=-1)
-
-
 @pytest.fixture(scope="module")
 def data():
-    mesh = curved(grid(Shape.HEXAHEDRON, 1), ball, 7)
+    mesh = curved(grid(Shape.HEXAHEDRON, 1), sector, 7)
     return Dataset(mesh, (approximated(Dataset(mesh), "p", lambda p: p[:, 0], 7),))
 
 

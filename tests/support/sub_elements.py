@@ -3,10 +3,10 @@
 from itertools import product
 
 import numpy as np
+from jets import POWERS
 from numpy.polynomial import chebyshev
 
 COUNT = 24
-POWERS = np.array([[k % 3, k // 3 % 3, k // 9] for k in range(27)])
 ORDER = POWERS.sum(axis=1)
 UNIT = 1.2e-16
 #: of the kernels: amplification by series with three nodes of a line, rounding of their sums (test_bounds.py)

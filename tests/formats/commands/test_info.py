@@ -5,6 +5,7 @@ import click
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from truth_files import truth_values
 
 from elvis import Dataset, ElvisError, read, write
 from elvis.core.shapes import Shape
@@ -30,14 +31,6 @@ def test_facts_of_a_curved_pipe(elvis_json, pipe):
     assert [field["name"] for field in facts["fields"]] == ["u", "v"]
     assert {expansion["shape"] for expansion in facts["fields"][0]["expansions"]} == {"tetrahedron", "prism"}
     assert facts["bytes"] > 100_000
-
-
-def truth_values(path):
-    """Coordinates (n, 3) and fields (n, f) of a truth file, and the names of the fields."""
-    lines = path.read_text().splitlines()
-    names = next(line for line in lines if line.startswith("FIELDS")).split()[1:]
-    rows = [line.split("|")[1:] for line in lines if line.count("|") == 2 and not line.startswith("E")]
-    return np.array([r[0].split() for r in rows], float), np.array([r[1].split() for r in rows], float), names
 
 
 @pytest.mark.parametrize(

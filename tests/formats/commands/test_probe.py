@@ -6,6 +6,7 @@ import re
 import click
 import numpy as np
 import pytest
+from truth_files import truth_values
 
 from elvis import Dataset, ElvisError, Shape, write
 from elvis.core.testing import approximated, grid
@@ -20,14 +21,6 @@ def channel(nektar):
 def table(text):
     rows = list(csv.DictReader(io.StringIO(text)))
     return {name: np.array([row[name] for row in rows], float) for name in rows[0]}
-
-
-def truth(path):
-    """Element, coordinates (n, 3) and fields (n, f) of a truth file, and the names of the fields."""
-    lines = path.read_text().splitlines()
-    names = next(line for line in lines if line.startswith("FIELDS")).split()[1:]
-    rows = [line.split("|")[1:] for line in lines if line.count("|") == 2 and not line.startswith("E")]
-    return np.array([r[0].split() for r in rows], float), np.array([r[1].split() for r in rows], float), names
 
 
 def test_a_line_through_the_channel(channel, elvis):
@@ -66,7 +59,7 @@ def test_the_first_direction_of_a_plane_varies_fastest(channel, elvis):
     ],
 )
 def test_true_values_at_true_points(nektar, tmp_path, elvis, case, mesh, field):
-    points, values, names = truth(nektar / case / f"{case}.truth.txt")
+    points, values, names = truth_values(nektar / case / f"{case}.truth.txt")
     np.savetxt(tmp_path / "points.csv", points, fmt="%.17g", delimiter=",", header="x,y,z", comments="")
     where = ["--points", tmp_path / "points.csv", "--all", "-o", tmp_path / "out.npz"]
     elvis("probe", nektar / case / mesh, nektar / case / field, *where)
