@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, joined_columns
 from elvis.core.base.errors import FormatError
 from elvis.core.files.plain import content, leading
 from elvis.core.polynomials.collapse import collapse
@@ -75,7 +75,7 @@ class ElVisDat(NodalConverter):
         self.blocks = []
         values = []
         for kind in sorted(runs):
-            ids, data = (np.concatenate(parts) for parts in zip(*runs[kind], strict=True))
+            ids, data = joined_columns(runs[kind])
             shape = _SHAPES[kind[0]]
             places = np.asarray(data["vertices"], np.float64)[:, : len(shape.vertices)]
             key = NodalBlock(NodalValues(places, _Corners(shape)))

@@ -29,7 +29,7 @@ from elvis.converters.shared.hdf5 import (
 )
 from elvis.converters.shared.inputs import check_roles, check_rows
 from elvis.converters.shared.unit import UNIT, lattice, unit_basis
-from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints, joined_columns, rows_by_number
 from elvis.core.base.errors import FormatError
 from elvis.core.data.mesh import PERIODIC
 from elvis.core.polynomials.quadrature import gauss, lobatto
@@ -271,8 +271,7 @@ class SubCells(NodalValues):
         own, box = np.divmod(chosen, self.count**3)
         ends = np.concatenate([[-1.0], np.cumsum(self.widths) - 1])
         result = np.empty((len(own), len(points), 3))
-        for each in np.unique(box).tolist():
-            here = np.flatnonzero(box == each)
+        for each, here in rows_by_number(box):
             place = np.array([each, each // self.count, each // self.count**2]) % self.count
             inside = ends[place] + self.widths[place] * (1 + points) / 2
             result[here] = super().at(self.elements[own[here]], inside)
@@ -293,7 +292,7 @@ class SubCells(NodalValues):
             outer = np.flatnonzero(grid // self.count**axis % self.count == last)
             boxes = (own[sides == face][:, None] * self.count**3 + outer).reshape(-1)
             found.append((boxes, np.full(len(boxes), face)))
-        boxes, local_faces = (np.concatenate(each) for each in zip(*found, strict=True))
+        boxes, local_faces = joined_columns(found)
         return Boundary(boundary.name, sides=[(0, place, faces[is_other]), (1, boxes, local_faces)])
 
 

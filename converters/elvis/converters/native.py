@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, joined_columns, joined_ints
 from elvis.core.base.errors import ElvisError, FormatError
 from elvis.core.data.conversion_errors import ConversionErrors
 from elvis.core.data.dataset import MAP_KEY, Dataset, Expansion
@@ -139,7 +139,7 @@ class Native(Converter):
             found.append((block.vertices.reshape(-1), values.reshape(-1)))
         if not found:
             return False
-        vertices, values = (np.concatenate(each) for each in zip(*found, strict=True))
+        vertices, values = joined_columns(found)
         which = np.unique(vertices, return_inverse=True)[1].reshape(-1)
         low, high = np.full(which.max() + 1, np.inf), np.full(which.max() + 1, -np.inf)
         np.minimum.at(low, which, values)
@@ -172,7 +172,7 @@ def _split_patches(
         left = np.ones(len(patch), bool)
         for composite in wanted:
             owned = [ids for tag, ids in composite.parts if tag in tags or mesh.dimension < 3]
-            rows = np.flatnonzero(left & np.isin(patch.element_ids, np.concatenate([np.empty(0, np.int64), *owned])))
+            rows = np.flatnonzero(left & np.isin(patch.element_ids, joined_ints(owned)))
             left[rows] = False
             if len(rows):
                 yield _region(composite, True), _Part(patch, rows)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats
+from elvis.core.base.arrays import Floats, joined_columns
 from elvis.reference.record import Record
 
 #: pixels of each record that take part, at most
@@ -20,7 +20,7 @@ def same_camera(first: Record, second: Record) -> bool:
     transformation (Hartley and Zisserman, Multiple View Geometry, 4.1) has a solution if its system is singular.
     """
     parts = [_sample(record) for record in (first, second)]
-    pixels, points, depths = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    pixels, points, depths = joined_columns(parts)
     if len(points) < 8:
         return True
     depths = (depths - depths.mean()) / (np.abs(points - points.mean(axis=0)).max() or 1.0)

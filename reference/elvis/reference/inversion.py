@@ -17,7 +17,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.base.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.base.arrays import Bools, Floats, Ints, every_pair, frozen_floats
 from elvis.core.mapping.inverse import Status
 from elvis.core.mapping.margins import TOLERANCE, drawn_in, margins
 from elvis.core.mapping.patch import Patch
@@ -142,7 +142,7 @@ class Inverter:
         places = _places(self.shape)
         elements, own = np.unique(rows, return_inverse=True)
         count = len(elements) * len(places)
-        images, _ = self.map_points(np.repeat(elements, len(places)), np.tile(places, (len(elements), 1)))
+        images, _ = self.map_points(*every_pair(elements, places))
         images = images.reshape(len(elements), len(places), 3) if count else np.empty((0, len(places), 3))
         best = np.empty(len(rows), np.int64)
         step = max(1, _AT_ONCE // (3 * len(places)))

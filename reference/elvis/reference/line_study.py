@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, joined_floats
 from elvis.core.base.errors import ElvisError
 from elvis.core.base.needing import MissingPackageError
 from elvis.core.data.dataset import Dataset
@@ -172,7 +172,7 @@ def _away(grid: object, true: Sequence[_Lines]) -> list[Floats]:
 
 def _ends(name: str, level: int | None, apart: Sequence[Floats], size: float) -> Ends:
     """The largest distance, and the median."""
-    every = np.concatenate([np.empty(0), *apart]) / size
+    every = joined_floats(apart) / size
     if not len(every):
         return Ends(name, level, skipped="no line begins in the elements")
     return Ends(name, level, float(every.max()), float(np.median(every)))

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints, joined_ints
 from elvis.core.mapping.boxes import MARGIN, BoxTree, outward
 from elvis.core.mapping.inverse import Status
 from elvis.core.mapping.locate import Location
@@ -82,8 +82,8 @@ class Locator:
     def _candidates(self, world: Floats) -> tuple[Ints, Ints, Ints]:
         """Point, patch and row (k,) of all pairs of a point and an element whose box holds it."""
         found = [tree.candidates(world) for tree in self._trees]
-        point = np.concatenate([np.empty(0, np.int64), *(own[0] for own in found)])
-        row = np.concatenate([np.empty(0, np.int64), *(own[1] for own in found)])
+        point = joined_ints(own[0] for own in found)
+        row = joined_ints(own[1] for own in found)
         return point, np.repeat(np.arange(len(found)), [len(own[0]) for own in found]), row
 
     def _answer(

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints, every_pair
 from elvis.core.data.dataset import Dataset, Expansion
 from elvis.core.mapping.boxes import Boxes, element_boxes
 from elvis.core.mapping.patch import Patch
@@ -174,7 +174,7 @@ class Quantities:
             return evaluate(expansion, coefficients[rows], points)
 
         def expression(patch: Patch, rows: Ints, points: Floats) -> Floats:
-            every = self.values(name, patch, np.repeat(rows, len(points)), np.tile(points, (len(rows), 1)))
+            every = self.values(name, patch, *every_pair(rows, points))
             return every.reshape(len(rows), len(points))
 
         return expression if number is None else field

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints, joined_ints
 from elvis.core.data.mesh import Composite, Mesh
 from elvis.core.mapping.orientation import first_face_row
 from elvis.core.mapping.patch import Patch
@@ -79,7 +79,7 @@ def _composite(mesh: Mesh, name: str) -> Composite:
 
 def _members(composite: Composite, *tags: str) -> Ints:
     """Ids of the entities with these tags."""
-    return np.concatenate([np.empty(0, np.int64), *(ids for tag, ids in composite.parts if tag in tags)])
+    return joined_ints(ids for tag, ids in composite.parts if tag in tags)
 
 
 def _faces_of_composite(mesh: Mesh, patch: Patch, composite: Composite) -> Ints:

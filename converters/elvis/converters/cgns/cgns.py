@@ -19,7 +19,7 @@ from elvis.converters.cgns.solutions import Solutions, Values, chosen_elements, 
 from elvis.converters.cgns.tree import Node, is_cgns, opened
 from elvis.converters.cgns.zones import Group, Zone, read_zone
 from elvis.converters.shared.inputs import STEP, single, step_number
-from elvis.core.base.arrays import Ints
+from elvis.core.base.arrays import Ints, joined_ints
 from elvis.core.base.errors import FormatError
 from elvis.core.data.moments import checked_step
 from elvis.plugins.conversion.nodal import NodalBlock, NodalConverter, NodalValues, nearest_nodes
@@ -283,7 +283,7 @@ class _ZoneReading:
             for name in _names(condition.node, self.families) or [condition.node.name]:
                 for part in condition.sides.parts():
                     yield name, *part
-        named = np.concatenate([np.empty(0, np.int64), *(condition.taken for condition in conditions)])
+        named = joined_ints(condition.taken for condition in conditions)
         marked = SideList.joined([condition.sides for condition in conditions])
         flat = [group for group in self.zone.others if group.kind.shape.dimension == self.zone.dimension - 1]
         sections = {

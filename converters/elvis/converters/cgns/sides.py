@@ -15,7 +15,7 @@ import numpy as np
 from elvis.converters.cgns.tree import Node
 from elvis.converters.cgns.zones import Group, Zone
 from elvis.converters.shared.inputs import check_rows
-from elvis.core.base.arrays import Bools, Ints, distinct_bits, distinct_rows
+from elvis.core.base.arrays import Bools, Ints, distinct_bits, distinct_rows, joined_ints
 from elvis.core.base.errors import FormatError
 from elvis.core.base.rows import Rows
 from elvis.plugins.projection.naming import local_sides
@@ -259,7 +259,7 @@ class Condition:
     def _read_elements(self, named: Numbers) -> None:
         """Sides or cells by the numbers of elements."""
         cells = [group.numbers[named.hold(group.numbers)] for group in self.zone.cells]
-        self.cells = np.concatenate([np.empty(0, np.int64), *cells])
+        self.cells = joined_ints(cells)
         others = [group.part(np.flatnonzero(named.hold(group.numbers))) for group in self.zone.others]
         self.taken = np.concatenate([self.cells, *(group.numbers for group in others)])
         flat = [g for g in others if g.kind.shape.dimension == self.zone.dimension - 1 and len(g.numbers)]

@@ -16,7 +16,7 @@ from elvis.converters.exodus.shells import FACES_OF_SHELLS, plane_sides
 from elvis.converters.shared.incomplete import CentredPyramid, NodalFunctions, bubble_space
 from elvis.converters.shared.inputs import STEP, step_number
 from elvis.converters.shared.unit import UNIT, side_numbers
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, joined_ints
 from elvis.core.base.errors import FormatError
 from elvis.core.data.moments import checked_step
 from elvis.core.shapes import Shape
@@ -236,7 +236,7 @@ def _joined_by_place(blocks: Sequence[Elements]) -> list[Elements]:
     Programs write discontinuous fields so; elements that lie together are neighbours nonetheless.
     """
     corners = [block.vertices.reshape(-1) for block in blocks if block.vertices is not None]
-    every = np.concatenate([np.empty(0, np.int64), *corners])
+    every = joined_ints(corners)
     if sum(map(len, blocks)) < 2 or len(np.unique(every)) < len(every):
         return list(blocks)
     return [replace(block, vertices=None) for block in blocks]

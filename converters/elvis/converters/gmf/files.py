@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, joined_floats
 from elvis.core.base.errors import FormatError
 from elvis.core.files.pieces import pieces, substituted
 from elvis.core.files.plain import content, leading
@@ -343,4 +343,4 @@ class _Text:
             found = [np.array(piece.split(), np.float64) for piece in pieces(rest, _SPACE)]
         except ValueError:
             raise FormatError("expected numbers, found something else", file=self.file.path, place=name) from None
-        return np.concatenate([np.empty(0), *found])
+        return joined_floats(found)

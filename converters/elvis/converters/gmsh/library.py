@@ -17,7 +17,7 @@ from elvis.converters.gmsh.census import census
 from elvis.converters.gmsh.data import MAGIC, MAGIC_1
 from elvis.converters.gmsh.mesh import HIGHEST, Functions
 from elvis.converters.shared.unit import UNIT
-from elvis.core.base.arrays import Bools, Floats, Ints, distinct_bits
+from elvis.core.base.arrays import Bools, Floats, Ints, distinct_bits, joined_ints
 from elvis.core.base.errors import FormatError
 from elvis.core.shapes import Shape
 
@@ -147,7 +147,7 @@ class _Reading:
             "kinds": list(self.kinds.values()),
             "groups": groups,
             "sides": self.sides,
-            "others": np.concatenate([np.zeros(0, np.int64), *self.others]),
+            "others": joined_ints(self.others),
             "notes": self.notes,
             "declared": self._declared(dimension),
             "partitions": self._partitions(dimension),
@@ -232,7 +232,7 @@ class _Reading:
     def _foreign_ghosts(self) -> int:
         """Number of ghosts that are elements of no partition in the file, which lists them for that reason."""
         own = [numbers for pieces in self.parts.values() for numbers, _ in pieces]
-        ghosts = np.unique(np.concatenate([np.zeros(0, np.int64), *self.ghosts]))
+        ghosts = np.unique(joined_ints(self.ghosts))
         return int((~np.isin(ghosts, np.concatenate(own))).sum())
 
     def _count_copies(self, copies: Ints) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from elvis.converters.mfem.hanging import hanging_sides
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, joined_ints
 from elvis.core.base.errors import FormatError
 
 #: the library's codes: vector functions, functions divided by the Jacobian, continuous spaces
@@ -113,7 +113,7 @@ class _Mesh:
             "faces": {
                 "attributes": np.array([mesh.GetBdrAttribute(i) for i in range(mesh.GetNBE())], np.int64),
                 "offsets": np.cumsum([0, *map(len, faces)]),
-                "vertices": np.concatenate([np.zeros(0, np.int64), *faces]),
+                "vertices": joined_ints(faces),
             },
             "hanging": hanging_sides(self._mfem, mesh) if mesh.Nonconforming() else None,
             "is_conforming": self._straight.GetTrueVSize() == self._straight.GetVSize(),

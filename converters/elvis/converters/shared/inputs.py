@@ -6,9 +6,7 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import numpy as np
-
-from elvis.core.base.arrays import Ints, distinct
+from elvis.core.base.arrays import Ints, distinct, joined_ints
 from elvis.core.base.errors import ElvisError, FormatError
 from elvis.plugins.conversion.plugin import Option
 
@@ -82,7 +80,7 @@ def excess_of_parts(numbers: Sequence[Ints], what: str) -> str:
     numbers  arrays of numbers, one for each element or side
     what     noun for the numbers, such as ``references of elements``
     """
-    found = distinct(np.concatenate([np.empty(0, np.int64), *map(distinct, numbers)]))
+    found = distinct(joined_ints(map(distinct, numbers)))
     if len(found) <= MOST_PARTS:
         return ""
     return f"{len(found)} different {what} are ignored: at most {MOST_PARTS} name parts of a mesh"

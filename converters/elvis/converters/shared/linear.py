@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, every_pair, joined_floats
 from elvis.core.base.errors import ElvisError
 from elvis.core.data.dataset import Dataset
 from elvis.core.mapping import pointwise
@@ -85,7 +85,7 @@ def linear_cells(dataset: Dataset, quantities: str | Sequence[str] | None, refin
         _add(parts, losses, evaluator, patch, _cut(patch, refinement))
     return LinearCells(
         np.concatenate([np.empty((0, 3)), *parts.points]),
-        {text: np.concatenate([np.empty(0), *own]) for text, own in zip(texts, parts.values, strict=True)},
+        {text: joined_floats(own) for text, own in zip(texts, parts.values, strict=True)},
         {shape: np.concatenate(own) for shape, own in parts.cells.items()},
         {shape: np.concatenate(own) for shape, own in parts.element.items()},
         losses,
@@ -136,7 +136,7 @@ def _add(parts: _Parts, losses: Sequence[Loss], evaluator: Evaluator, patch: Pat
 
 def _evaluated(evaluator: Evaluator, patch: Patch, rows: Ints, points: Floats) -> list[Floats]:
     """Places (n, m, 3), and values (n, m, 1) of each quantity, at reference points (m, d) of elements (n,)."""
-    every, where = np.repeat(rows, len(points)), np.tile(points, (len(rows), 1))
+    every, where = every_pair(rows, points)
     shape = (len(rows), len(points), -1)
     values = [evaluator.values(each, patch, every, where).reshape(shape) for each in evaluator.expressions]
     return [pointwise.positions(patch, every, where).reshape(shape), *values]

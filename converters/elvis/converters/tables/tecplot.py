@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from elvis.converters.shared.exporting import BoxTarget, Cell, Export, Piece, exporter_of
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, grid_points
 from elvis.core.data.dataset import Dataset
 from elvis.core.files.output import replacing
 from elvis.core.shapes import Shape
@@ -38,7 +38,7 @@ class TecplotTarget(BoxTarget):
     def cell(self, shape: Shape, order: int) -> Cell:
         """The points of the lattice, the first coordinate fastest."""
         line = np.linspace(-1.0, 1.0, order + 1)
-        nodes = np.stack(np.meshgrid(*[line] * shape.dimension, indexing="ij"), axis=-1).reshape(-1, shape.dimension)
+        nodes = grid_points(*[line] * shape.dimension)
         return Cell(shape, order, _ZONES[shape.dimension][1], nodes[:, ::-1])
 
     def directions(self, dimension: int) -> Iterator[int]:

@@ -5,7 +5,7 @@ Axis convention, everywhere: points are ``(n, d)``, values ``(n,)``, modes ``(n,
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from typing import Any, TypeAlias, TypeVar
 
@@ -68,6 +68,31 @@ def pair_numbers(first: Ints, second: Ints, count: int) -> Ints:
 def concatenated(arrays: Sequence[NDArray[Number]], axis: int = 0) -> NDArray[Number]:
     """Arrays one after another along an axis; without a copy if there is only one."""
     return arrays[0] if len(arrays) == 1 else np.concatenate(arrays, axis)
+
+
+def joined_ints(parts: Iterable[NDArray[Any]]) -> Ints:
+    """Whole numbers of arrays (n,) one after another, of which there may be none."""
+    return np.concatenate([np.empty(0, np.int64), *parts])
+
+
+def joined_floats(parts: Iterable[NDArray[Any]]) -> Floats:
+    """Numbers of arrays (n,) one after another, of which there may be none."""
+    return np.concatenate([np.empty(0), *parts])
+
+
+def joined_columns(rows: Iterable[Sequence[NDArray[Any]]]) -> tuple[NDArray[Any], ...]:
+    """Columns that stand in rows, each column's arrays as one."""
+    return tuple(np.concatenate(column) for column in zip(*rows, strict=True))
+
+
+def grid_points(*lines: Any) -> NDArray[Any]:
+    """(n, d) the points whose coordinates are on d lines, along the last one next to each other."""
+    return np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, len(lines))
+
+
+def every_pair(rows: Ints, points: Floats) -> tuple[Ints, Floats]:
+    """(n k,) rows and (n k, d) points: each of rows (n,) with each of points (k, d), those of a row together."""
+    return np.repeat(rows, len(points)), np.tile(points, (len(rows), 1))
 
 
 def largest(values: Floats) -> float:

@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, joined_floats
 from elvis.core.bounds.ranges import Range, deciding, field_range, finite_rows
 from elvis.core.data.dataset import Dataset
 from elvis.core.mapping.orientation import chunks
@@ -146,7 +146,7 @@ class _Search:
         for sign in (1, -1) if self.expression.order < 2 else ():
             rivals = self._rivals(sign, self.maximum if sign > 0 else -self.minimum)
             ids = np.concatenate([found[0][:0], *(patch.element_ids[rows] for patch, rows, _ in rivals)])
-            uppers = np.concatenate([np.empty(0), *(upper for _, _, upper in rivals)])
+            uppers = joined_floats(upper for _, _, upper in rivals)
             # up to one more than are examined closely, whose bound covers the others
             found.append(ids[np.argsort(-uppers, kind="stable")[: _MOST + 1]])
         return np.concatenate(found)
@@ -173,7 +173,7 @@ class _Search:
         root = self.expression.root if sign > 0 else negative(self.expression.root)
         attained = self.maximum if sign > 0 else -self.minimum
         rivals = self._rivals(sign, attained)
-        tops = np.sort(np.concatenate([np.empty(0), *(upper for _, _, upper in rivals)]))[::-1]
+        tops = np.sort(joined_floats(upper for _, _, upper in rivals))[::-1]
         threshold = tops[_MOST] if len(tops) > _MOST else -np.inf
         forgotten = max(attained, threshold)
         # elements of a patch together, so that the result doesn't depend on batches

@@ -14,7 +14,7 @@ from functools import partial
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, joined_ints
 from elvis.core.base.errors import ElvisError
 from elvis.core.base.rows import Rows
 from elvis.core.data.dataset import Dataset, Expansion
@@ -80,7 +80,7 @@ def ids_of(held: Sequence[Patch], rows: Sequence[Ints]) -> Ints:
     whatever is left of them.
     """
     found = [patch.element_ids[np.append(0, own)] for patch, own in zip(held, rows, strict=True)]
-    return np.unique(np.concatenate([np.empty(0, np.int64), *found]))
+    return np.unique(joined_ints(found))
 
 
 def _chosen_of_field(patch: Patch) -> Chosen:

@@ -14,7 +14,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, joined_floats
 from elvis.core.base.errors import ElvisError
 from elvis.core.base.ranks import ALONE, Ranks
 from elvis.core.bounds.extrema import Chosen, Extremum, Nets, chosen, deciding_extrema, extrema, greatest_of, ids_of
@@ -384,7 +384,7 @@ class _Search:
 
     def _kept(self, parts: Sequence[_Part]) -> list[_Part]:
         """Boxes that may hold a larger value, the most promising ones; the rest enters the bound."""
-        every = np.concatenate([np.empty(0), *(part.upper for part in parts)])
+        every = joined_floats(part.upper for part in parts)
         least = self._value + _CLOSE * abs(self._value)
         if (every > least).sum() > _MANY:
             least = max(least, float(np.partition(every, -_MANY)[-_MANY]))

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints, grid_points
 from elvis.core.base.rows import Rows
 from elvis.core.integrals.subcells import corners, subcell_map
 from elvis.core.mapping.margins import heights
@@ -127,7 +127,7 @@ class ZeroSearch(ABC):
     def _boxes(self, rows: Ints, reference: _Map) -> Boxes:
         """The boxes [0, 1]^d that a map takes into elements, but for those at rest or without numbers."""
         d, nodes = self.shape.dimension, (1 + gauss(self.degree + 1)[0]) / 2
-        lattice = np.stack(np.meshgrid(*[nodes] * d, indexing="ij"), axis=-1).reshape(-1, d)
+        lattice = grid_points(*[nodes] * d)
         table = self.values(rows, reference(lattice)).reshape(len(rows), len(lattice), d).transpose(0, 2, 1)
         nets = nets_through(table.reshape(-1, len(lattice)), nodes, d).reshape(len(rows), d, *(len(nodes),) * d)
         sizes = np.abs(nets).reshape(len(rows), d, len(lattice)).max(axis=2)

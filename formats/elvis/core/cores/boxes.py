@@ -8,7 +8,7 @@ from math import comb
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.base.arrays import Bools, Floats, Ints, frozen_floats, grid_points
 from elvis.core.base.bounded_cache import bounded_cache
 from elvis.core.base.rows import Rows
 from elvis.core.polynomials.bernstein import line_tables
@@ -133,7 +133,7 @@ def _stretching(degree: int, end: float) -> Floats:
 
 def lattice_of(degree: int) -> Floats:
     """((degree + 1)^3, 3) the nodes in the unit cube, the last direction fastest."""
-    return np.stack(np.meshgrid(*[nodes_of(degree)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    return grid_points(*[nodes_of(degree)] * 3)
 
 
 def at_nodes(nets: Floats, degree: int) -> Floats:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints, joined_ints
 from elvis.core.cores.boxes import Boxes, lattice_of, through
 from elvis.core.cores.graphs import Graphs, by_eigenvalue, by_rotation, by_velocity
 from elvis.core.cores.parallel import ParallelVectors
@@ -84,7 +84,7 @@ class CoreSearch:
 
     def points(self) -> tuple[Ints, Floats]:
         """Rows (n,) and reference coordinates (n, 3) of points of cores."""
-        rows = np.concatenate([np.empty(0, np.int64), *self.rows])
+        rows = joined_ints(self.rows)
         return rows, np.concatenate([np.empty((0, 3)), *self.xi])
 
     def merit(self, rows: Ints, xi: Floats) -> Floats:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints, grid_points
 from elvis.core.base.errors import ElvisError
 from elvis.core.base.ranks import ALONE, Ranks
 from elvis.core.bounds.zero_search import ZeroSearch
@@ -163,7 +163,7 @@ class _OnFaces(ZeroSearch):
         """
         count, tables, fastest = len(self.piece), [], []
         for nodes in (gauss(self.degree + 1)[0], gauss(self.degree + 2)[0]):
-            lattice = np.stack(np.meshgrid(nodes, nodes, indexing="ij"), axis=-1).reshape(-1, 2)
+            lattice = grid_points(nodes, nodes)
             points = uncollapse(self.shape, lattice)
             places, velocity, across = self._motion(np.arange(count), points)
             fastest.append(_fastest(places, velocity, across))

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.base.arrays import Floats, Ints, frozen_floats, frozen_ints, joined_ints
 from elvis.core.base.bounded_cache import bounded_cache
 from elvis.core.base.errors import ElvisError
 from elvis.core.data.dataset import MAP_FIELDS, MAP_KEY, Block, Dataset, Deformed, Expansion, Field
@@ -201,7 +201,7 @@ def moving_maps(before: Sequence[GeometryBlock], displacement: Sequence[Field]) 
     Raises ElvisError if a field has another shape than the mesh, or no space holds x and d.
     """
     sources = [own.blocks for own in displacement]
-    ids = np.concatenate([np.empty(0, np.int64), *(block.element_ids for block in before)])
+    ids = joined_ints(block.element_ids for block in before)
     if not len(ids):
         return
     for group in grouped(ids, [before, *sources]):

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.base.arrays import Floats, Ints, frozen_floats, frozen_ints, joined_ints
 from elvis.core.data.dataset import MAP_FIELDS, MAP_KEY, Block, Dataset, Field
 from elvis.core.distances.boundaries import sides_of
 from elvis.core.mapping.connectivity import connected
@@ -38,7 +38,7 @@ def height_walls(dataset: Dataset) -> Dataset | None:
     count = max((mode for block in blocks for mode in block.expansion.modes), default=2)
     nodes = lobatto(max(count, 2))[0]
     found = [edges for block in blocks for edges in _edges(dataset, block, nodes)]
-    side = np.concatenate([np.empty(0, np.int64), *(own for own, _ in found)])
+    side = joined_ints(own for own, _ in found)
     traces = np.concatenate([np.empty((0, len(nodes), 3)), *(own for _, own in found)])
     order = np.argsort(side, kind="stable")
     at = np.flatnonzero(np.diff(side[order]) == 0)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, every_pair, grid_points
 from elvis.core.base.errors import ElvisError
 from elvis.core.base.rows import Rows
 from elvis.core.bounds.extrema import Extremum, extrema_of_difference
@@ -115,14 +115,14 @@ def _count(patch: Patch, total: int) -> int:
 def _lattice(count: int, dimension: int) -> Floats:
     """(n, D) Chebyshev points of the second kind."""
     line = np.cos(np.linspace(np.pi, 0.0, count))
-    return np.stack(np.meshgrid(*[line] * dimension, indexing="ij"), axis=-1).reshape(-1, dimension)
+    return grid_points(*[line] * dimension)
 
 
 def _on_lattice(evaluator: Evaluator, expression: Expression, patch: Patch, count: int) -> _Places:
     """The places of lattices in all elements of a patch."""
     eta = _lattice(count, patch.dimension)
     rows = np.arange(len(patch))
-    return _valued(evaluator, expression, patch, np.repeat(rows, len(eta)), np.tile(eta, (len(rows), 1)))
+    return _valued(evaluator, expression, patch, *every_pair(rows, eta))
 
 
 def _located(evaluator: Evaluator, expression: Expression, patch: Patch, location: Location) -> _Places:

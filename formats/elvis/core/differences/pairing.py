@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from elvis.core.base.arrays import Ints, frozen_floats, frozen_ints
+from elvis.core.base.arrays import Ints, frozen_floats, frozen_ints, joined_ints
 from elvis.core.data.dataset import Block, Dataset, Field
 from elvis.core.differences.common_elements import CommonElements, common_elements
 from elvis.core.mapping.geometry import share
@@ -65,7 +65,7 @@ class Pair:
 
 def _ids(of: Field) -> Ints:
     """Ids of the elements that hold a field."""
-    return np.concatenate([np.empty(0, np.int64), *(block.element_ids for block in of.blocks)])
+    return joined_ints(block.element_ids for block in of.blocks)
 
 
 def _with(dataset: Dataset, own: Field) -> Dataset:

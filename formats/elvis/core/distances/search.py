@@ -13,7 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints, joined_ints
 from elvis.core.base.needing import require_module
 from elvis.core.base.rows import Rows
 from elvis.core.distances.parts import Model, Parts, dot, linear_distance
@@ -155,7 +155,7 @@ class _Search:
         if not all(group.is_flat for group in self.surface.groups):
             return np.arange(len(self.points))
         on_border = [places.point[np.abs(places.side) < _WITHIN / 2] for places in self._found]
-        return np.concatenate([np.empty(0, np.int64), *on_border])
+        return joined_ints(on_border)
 
     def _may_be_nearer(self, points: Ints, boxes: Boxes, rows: Ints, which: Ints) -> Bools:
         """(k,) whether box ``rows`` (k,) is as near as the best distance to number ``which`` (k,) of points (n,)."""

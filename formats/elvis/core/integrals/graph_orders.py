@@ -7,7 +7,7 @@ from itertools import permutations
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints, rows_by_number
 
 #: minimum derivative along the height of a graph, relative to the others
 _STEEP = 0.1
@@ -120,7 +120,6 @@ def turned(nets: Floats, orders: Ints) -> Floats:
     """Nets (n, D, D, D), in two dimensions (n, 1, D, D), with axes in the given orders (n, 3)."""
     found = np.empty_like(nets)
     codes = orders @ (1, 3, 9)
-    for code in np.unique(codes).tolist():
-        here = np.flatnonzero(codes == code)
+    for _, here in rows_by_number(codes):
         found[here] = nets[here].transpose(0, *(1 + orders[here[0]]))
     return found

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints, joined_columns
 from elvis.core.integrals.analytic_error import FURTHER, Bounds
 from elvis.core.integrals.degrees import DegreeRules
 from elvis.core.integrals.eta_boxes import EtaBoxes
@@ -129,7 +129,7 @@ class BoxIntegrals(NamedTuple):
     @staticmethod
     def joined(several: Sequence[BoxIntegrals]) -> BoxIntegrals:
         """The integrals over several sets of boxes, concatenated."""
-        return BoxIntegrals(*(np.concatenate(columns) for columns in zip(*several, strict=True)))
+        return BoxIntegrals(*joined_columns(several))
 
 
 @dataclass(frozen=True, eq=False)

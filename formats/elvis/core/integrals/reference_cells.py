@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.base.arrays import Bools, Floats, Ints, frozen_floats, grid_points
 from elvis.core.base.bounded_cache import bounded_cache
 from elvis.core.data.dataset import Dataset, Expansion
 from elvis.core.mapping import tangents
@@ -214,7 +214,7 @@ def _sides(shape: Shape) -> tuple[tuple[int, ...], ...]:
 def box_rule(counts: tuple[int, ...]) -> tuple[Floats, Floats]:
     """Points (n, k) and weights (n,) of the product of Gauss rules on [-1, 1]^k; read-only."""
     lines = [gauss(count) for count in counts]
-    points = np.stack(np.meshgrid(*(nodes for nodes, _ in lines), indexing="ij"), axis=-1).reshape(-1, len(counts))
+    points = grid_points(*(nodes for nodes, _ in lines))
     weights = np.ones(1)
     for _, line in lines:
         weights = np.multiply.outer(weights, line).reshape(-1)

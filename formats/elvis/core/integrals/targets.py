@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Ints
+from elvis.core.base.arrays import Bools, Ints, joined_ints
 from elvis.core.base.errors import ElvisError
 from elvis.core.base.hints import perhaps
 from elvis.core.base.ranks import ALONE, Ranks
@@ -220,7 +220,7 @@ class Places:
         """(faces,) how many elements each side has."""
         every = [own.reshape(-1) for own in self._members]
         known = [np.max(sides, initial=-1) + 1 for sides in (*every, *self.boundaries.values())]
-        return np.bincount(np.concatenate([np.empty(0, np.int64), *every]), minlength=max(known, default=0))
+        return np.bincount(joined_ints(every), minlength=max(known, default=0))
 
     def _sides(self, wanted: Bools) -> Iterator[Piece]:
         """Sides (faces,) as pieces of elements, each of one element."""

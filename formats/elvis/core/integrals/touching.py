@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, grid_points
 from elvis.core.integrals.reference_cells import Piece, side_numbers, side_shape
 from elvis.core.integrals.subcells import corners, subcell_map
 from elvis.core.mapping import pointwise, tangents
@@ -33,7 +33,7 @@ def touched(piece: Piece, nets: Nets, places: Floats, within: Floats) -> Floats:
     places  (m,) in [0, 1], from which nets are made each way
     """
     found, k = np.zeros(len(piece)), piece.patch.shape.dimension - 1
-    lattice = np.stack(np.meshgrid(*[places] * k, indexing="ij"), axis=-1).reshape(-1, k)
+    lattice = grid_points(*[places] * k)
     for number in side_numbers(piece.patch.shape) if len(piece) else ():
         side = Piece(piece.patch, piece.rows, side_shape(piece.patch.shape, number), number)
         for cell in range(len(corners(side.shape))):

@@ -13,7 +13,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints, narrow_ints, pair_numbers
+from elvis.core.base.arrays import (
+    Bools,
+    Floats,
+    Ints,
+    joined_floats,
+    joined_ints,
+    narrow_ints,
+    pair_numbers,
+)
 from elvis.core.interfaces.collapsed import NOWHERE, are_collapsed, widened
 from elvis.core.interfaces.crowded_sides import HOPELESS, NEAR, POINTS_AT_ONCE, hopeless_sides, shares, surplus
 from elvis.core.interfaces.feet import feet
@@ -74,8 +82,8 @@ class _Contacts:
     @staticmethod
     def joined(parts: list[_Contacts]) -> _Contacts:
         """All of them, one after another."""
-        side, other = (np.concatenate([np.empty(0, np.int64), *(getattr(e, n) for e in parts)]) for n in _PAIR)
-        return _Contacts(side, other, np.concatenate([np.empty(0), *(each.distance for each in parts)]))
+        side, other = (joined_ints(getattr(e, n) for e in parts) for n in _PAIR)
+        return _Contacts(side, other, joined_floats(each.distance for each in parts))
 
 
 _PAIR = ("side", "other")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Ints, distinct_bits, frozen_ints
+from elvis.core.base.arrays import Bools, Ints, distinct_bits, frozen_ints, joined_ints
 from elvis.core.data.dataset import Dataset
 from elvis.core.data.mesh import NON_CONFORMING, Composite, Mesh
 from elvis.core.distances.boundaries import joined_sides, outer_sides, owners_of_sides, sides_by_name
@@ -83,7 +83,7 @@ def _named(mesh: Mesh, ids: Ints, outline: str | None) -> Bools:
     """(n,) whether a boundary that the source names holds a side."""
     kept = mesh.composites[:-1] if outline is not None else mesh.composites
     names = sides_by_name(replace(mesh, composites=tuple(kept)))
-    held = np.concatenate([np.empty(0, np.int64), *names.values()])
+    held = joined_ints(names.values())
     return np.isin(ids, held)
 
 

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints, frozen_floats, frozen_ints, narrow_ints
+from elvis.core.base.arrays import Bools, Floats, Ints, frozen_floats, frozen_ints, narrow_ints, rows_by_number
 from elvis.core.data.dataset import Dataset, Expansion
 from elvis.core.distances.boundaries import side_coefficients, side_degree, sides_of
 from elvis.core.distances.surface_patches import CORNERS, WHOLE, SurfacePatches
@@ -144,8 +144,7 @@ class SideSet:
     def parted(self, sides: Ints) -> Iterator[tuple[SideGroup, Ints, Ints]]:
         """Each group with the places of its own among ``sides`` (k,), and their rows in the group."""
         group = np.searchsorted(self._starts, sides, side="right") - 1
-        for number in np.unique(group).tolist():
-            here = np.flatnonzero(group == number)
+        for number, here in rows_by_number(group):
             yield self.groups[number], here, sides[here] - self._starts[number]
 
     def at(self, points: Floats, sides: Ints) -> Floats:

@@ -16,7 +16,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.base.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.base.arrays import Bools, Floats, Ints, frozen_floats, grid_points
 from elvis.core.base.bounded_cache import bounded_cache
 from elvis.core.base.rows import Rows
 from elvis.core.mapping.boxes import ROUNDINGS
@@ -242,5 +242,5 @@ class _Elements:
 def _lattice(shape: Shape) -> Floats:
     """(k, d) reference points all over a shape, its vertices among them."""
     line = np.array([-1.0, -0.8, 0.0, 0.8, 1.0])
-    eta = np.stack(np.meshgrid(*[line] * shape.dimension, indexing="ij"), axis=-1).reshape(-1, shape.dimension)
+    eta = grid_points(*[line] * shape.dimension)
     return frozen_floats(np.unique(uncollapse(shape, eta), axis=0))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints, joined_ints
 from elvis.core.base.errors import ElvisError
 from elvis.core.base.rows import Rows
 from elvis.core.data.dataset import Dataset
@@ -74,7 +74,7 @@ class Locator:
         self.tree = BoxTree.over(self.patches, margin=max(MARGIN, distance) if flat else MARGIN)
         self._boxes: dict[int, BoxTree] = {}
         self._starts = np.cumsum([0] + [len(patch) for patch in self.patches])
-        self._ids = np.concatenate([np.empty(0, np.int64), *(patch.element_ids for patch in self.patches)])
+        self._ids = joined_ints(patch.element_ids for patch in self.patches)
         self._periods = next((patch.periods for patch in self.patches if patch.periods), ())
         self._dimension = max((patch.shape.dimension for patch in self.patches), default=3)
 

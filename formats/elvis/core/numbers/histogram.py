@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats
+from elvis.core.base.arrays import Floats, joined_floats
 from elvis.core.base.errors import ElvisError
 from elvis.core.data.dataset import Dataset
 from elvis.core.integrals.reference_cells import Piece, box_rule, whole_elements
@@ -50,8 +50,8 @@ def histogram(dataset: Dataset, expression: Expression, bins: int = 128, most: f
     evaluator = Evaluator(dataset, [expression])
     pieces = [piece for piece in whole_elements(evaluator.patches) if None not in piece.patch.fields]
     parts = list(_values(evaluator, expression, pieces, most))
-    values = np.concatenate([np.empty(0), *(found for found, _ in parts)])
-    measures = np.concatenate([np.empty(0), *(measure for _, measure in parts)])
+    values = joined_floats(found for found, _ in parts)
+    measures = joined_floats(measure for _, measure in parts)
 
     # derivatives have no value where the map is singular
     is_finite = np.isfinite(values)

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, grid_points
 from elvis.core.base.errors import ElvisError
 from elvis.core.data.dataset import Dataset
 from elvis.core.mapping.orientation import chunks
@@ -192,7 +192,7 @@ def _planes(patch: Patch) -> Floats:
         return np.zeros((1, 0))
     ids = (waves.y_ids, waves.z_ids) if waves.y_ids else (waves.z_ids,)
     lines = [np.linspace(-1, 1, 2 * (max(own) + 1), endpoint=False) for own in ids]
-    return np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, len(lines))
+    return grid_points(*lines)
 
 
 def _spread(name: str, ids: Ints, values: Floats) -> dict[str, Any]:

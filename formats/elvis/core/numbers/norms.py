@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints, joined_floats, joined_ints
 from elvis.core.base.errors import ElvisError
 from elvis.core.base.exact_sums import parts_of_sum, rounded_sum
 from elvis.core.base.ranks import ALONE, Ranks, Turns
@@ -173,7 +173,7 @@ class _Sum:
 
     def found(self, radius: float) -> _Found:
         """The data for other ranks about a function with an error of at most ``radius``."""
-        squares = np.concatenate([np.empty(0), *self.squares])
+        squares = joined_floats(self.squares)
         return _Found(self.count, parts_of_sum(squares), self.minimum, self.maximum, self.measure, radius)
 
 
@@ -242,7 +242,7 @@ def _composite_ids(dataset: Dataset, shape: Shape, entry: ExpansionRule) -> Ints
     """Elements of a shape that an entry of EXPANSIONS covers."""
     tags = {shape.tag, {1: "E", 2: "F"}.get(shape.dimension, shape.tag)}
     parts = [part for c in dataset.mesh.composites if c.id in entry.composites for part in c.parts]
-    return np.concatenate([np.empty(0, np.int64), *(ids for tag, ids in parts if tag in tags)])
+    return joined_ints(ids for tag, ids in parts if tag in tags)
 
 
 @dataclass(frozen=True, eq=False)

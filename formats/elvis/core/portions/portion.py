@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints, among, distinct, frozen_floats, frozen_ints, narrow_ints
+from elvis.core.base.arrays import Floats, Ints, among, distinct, frozen_floats, frozen_ints, joined_ints, narrow_ints
 from elvis.core.data.dataset import Block, Dataset, Field
 from elvis.core.data.mesh import Composite, Counts, Curves, Entities, Excerpt, Mesh
 from elvis.core.portions.partition import along_curve
@@ -223,7 +223,7 @@ def _inner_sides(dataset: Dataset) -> Ints:
     for entities in mesh.elements.values():
         chosen = np.ones(len(entities), bool) if chosen_ids is None else np.isin(entities.ids, chosen_ids)
         members.append(entities.members[chosen].reshape(-1))
-    counts = np.bincount(np.concatenate([np.empty(0, np.int64), *members]))
+    counts = np.bincount(joined_ints(members))
     return np.flatnonzero(counts > 1) if mesh.dimension > 1 else np.empty(0, np.int64)
 
 
@@ -349,7 +349,7 @@ def _cut_composite(mesh: Mesh, kept: Mapping[_Kind, Ints], composite: Composite)
     for tag, ids in composite.parts:
         kinds = [kind for kind in _TAGS[tag] if kind in kept]
         own = [(mesh.vertex_ids if kind is None else mesh.of(kind).ids)[kept[kind]] for kind in kinds]
-        parts.append((tag, ids[np.isin(ids, np.concatenate([np.empty(0, np.int64), *own]))]))
+        parts.append((tag, ids[np.isin(ids, joined_ints(own))]))
     return replace(composite, parts=tuple(parts))
 
 

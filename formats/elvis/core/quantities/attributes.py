@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints, frozen_floats
+from elvis.core.base.arrays import Floats, Ints, frozen_floats, joined_floats, joined_ints
 from elvis.core.base.errors import ElvisError
 from elvis.core.data.dataset import Block, Dataset
 from elvis.core.distances import Near, Surface, gradients, nearest, surface_of, vectors_away
@@ -163,12 +163,12 @@ class Attributes:
             return own[name]()
         if name == "jacobian_sign":
             maps, space = geometry(self._dataset), self._dataset.mesh.space
-            ids = np.concatenate([np.empty(0, np.int64), *(block.element_ids for block in maps)])
-            return ids, np.concatenate([np.empty(0), *(statuses(block, space) for block in maps)])
+            ids = joined_ints(block.element_ids for block in maps)
+            return ids, joined_floats(statuses(block, space) for block in maps)
         if name in self._dataset.borrowed:
             blocks = self._dataset.field(name).blocks
-            ids = np.concatenate([np.empty(0, np.int64), *(block.element_ids for block in blocks)])
-            return ids, np.concatenate([np.empty(0), *(block.coefficients[:, 0] for block in blocks)])
+            ids = joined_ints(block.element_ids for block in blocks)
+            return ids, joined_floats(block.coefficients[:, 0] for block in blocks)
         return self._measured(name)
 
     def _measured(self, name: str) -> tuple[Ints, Floats]:
@@ -204,7 +204,7 @@ class Attributes:
         own = (field for field in self._dataset.fields if field.name not in self._dataset.borrowed)
         blocks: list[Block | GeometryBlock] = [block for field in own for block in field.blocks]
         blocks = blocks or [*geometry(self._dataset)]
-        ids = np.concatenate([np.empty(0, np.int64), *(block.element_ids for block in blocks)])
+        ids = joined_ints(block.element_ids for block in blocks)
         degrees = np.repeat([max(block.expansion.modes) - 1.0 for block in blocks], list(map(len, blocks)))
         every, place = np.unique(ids, return_inverse=True)
         highest = np.zeros(len(every))

@@ -8,7 +8,7 @@ from functools import reduce
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, grid_points
 from elvis.core.mapping.orientation import chunks
 from elvis.core.mapping.patch import Patch
 from elvis.core.polynomials.bernstein import bernstein_coefficients, bernstein_space, line_tables
@@ -50,7 +50,7 @@ def places_of(degree: int) -> Floats:
 
 def lattice_of(places: Floats, dimension: int) -> Floats:
     """(n^dimension, dimension) points of the unit cube with places (n,) each way; the last direction runs fastest."""
-    return np.stack(np.meshgrid(*[places] * dimension, indexing="ij"), axis=-1).reshape(-1, dimension)
+    return grid_points(*[places] * dimension)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, every_pair, rows_by_number
 from elvis.core.data.dataset import Dataset
 from elvis.core.data.mesh import NON_CONFORMING
 from elvis.core.distances.boundaries import joined_sides, sides_of
@@ -66,7 +66,7 @@ def _points(
         if len(here):
             weights = (1 - INSET) * lattices[len(local)] + INSET / len(local)
             points = weights @ shape.vertices[list(local)]
-            yield np.repeat(here, len(points)), np.tile(points, (len(here), 1))
+            yield every_pair(here, points)
 
 
 def _local_sides(shape: Shape) -> Sequence[tuple[int, ...]]:
@@ -79,8 +79,7 @@ def _beyond(locator: Locator, world: Floats) -> tuple[Ints, Ints, Floats]:
     inside = np.flatnonzero(found.status == Status.INSIDE)
     patch, row = found.patch[inside], found.row[inside]
     values = np.empty(len(inside))
-    for number in np.unique(patch).tolist():
-        here = np.flatnonzero(patch == number)
+    for number, here in rows_by_number(patch):
         values[here] = pointwise.values(locator.patches[number], 0, row[here], found.reference[inside[here]])
     starts = np.cumsum([0, *map(len, locator.patches)])
     return found.point[inside], starts[patch] + row, values

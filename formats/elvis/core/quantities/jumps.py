@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, joined_ints
 from elvis.core.base.errors import ElvisError
 from elvis.core.data.dataset import Dataset
 from elvis.core.mapping.patch import Patch, patches
@@ -31,7 +31,7 @@ def jumps(dataset: Dataset, name: str, modes: int = 0) -> tuple[Ints, Floats]:
     own = [patch for patch in patches(dataset, [name]) if patch.fields[0] is not None]
     if any(patch.homogeneous for patch in own):
         raise ElvisError(f"jump({name}): expected a field without Fourier directions")
-    ids = np.concatenate([np.empty(0, np.int64), *(patch.element_ids for patch in own)])
+    ids = joined_ints(patch.element_ids for patch in own)
     starts = np.cumsum([0, *map(len, own)])
     along = max([modes, *(max(patch.fields[0].modes) for patch in own if patch.fields[0])]) + 2
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats
+from elvis.core.base.arrays import Floats, every_pair
 from elvis.core.data.conversion_errors import ConversionErrors
 from elvis.core.data.dataset import Dataset
 from elvis.core.mapping.orientation import chunks
@@ -48,6 +48,6 @@ def _largest(dataset: Dataset, expression: Expression) -> float:
         points = field_cubature(modified(patch.shape, (_MODES,) * patch.dimension)).points
         for some in chunks(len(patch), max(1, _BATCH // len(points))):
             rows = np.arange(len(patch))[some]
-            places = ElementPoints(patch, np.repeat(rows, len(points)), np.tile(points, (len(rows), 1)))
+            places = ElementPoints(patch, *every_pair(rows, points))
             worst = max(worst, float(evaluator.radius_at(expression, places).max(initial=0.0)))
     return worst

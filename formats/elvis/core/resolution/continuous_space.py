@@ -18,7 +18,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.sparse.linalg import LinearOperator, cg
 
-from elvis.core.base.arrays import Floats, Ints, frozen_floats
+from elvis.core.base.arrays import Floats, Ints, frozen_floats, joined_columns
 from elvis.core.base.bounded_cache import bounded_cache
 from elvis.core.base.errors import ElvisError
 from elvis.core.data.dataset import Block, Dataset, Expansion, Field
@@ -297,7 +297,7 @@ def _measures(patch: Patch, rows: slice, points: Floats) -> Floats:
 def _numbers(dataset: Dataset, held: Sequence[Patch], targets: Sequence[Expansion]) -> tuple[list[Ints], int]:
     """(n, m) of the unknowns of each patch's elements: those of nodes first, then inner ones; and their count."""
     parts = [_placed_nodes(dataset, patch, target) for patch, target in zip(held, targets, strict=True)]
-    group = groups_of_points(*(np.concatenate(own) for own in zip(*parts, strict=True)))
+    group = groups_of_points(*joined_columns(parts))
     start, size = 0, int(group.max()) + 1
     found = []
     for patch, target in zip(held, targets, strict=True):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints, joined_columns
 from elvis.core.base.errors import ElvisError
 from elvis.core.base.rows import Rows
 from elvis.core.data.dataset import Dataset, Expansion
@@ -173,8 +173,8 @@ class _Spectra:
         for batch in chunks(len(patch), max(1, _BATCH // max(len(points), coefficients.shape[1]))):
             energies.append(_energies(basis, coefficients[batch]))
             norms.append(_norms(patch, batch, measures[batch]))
-        total, top, *levels = (np.concatenate(own) for own in zip(*energies, strict=True))
-        removed, norm, measure = (np.concatenate(own) for own in zip(*norms, strict=True))
+        total, top, *levels = joined_columns(energies)
+        removed, norm, measure = joined_columns(norms)
         return _Spectra(patch, basis, total, top, tuple(levels), removed, norm, measure)
 
     @property

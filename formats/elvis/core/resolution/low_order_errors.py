@@ -28,7 +28,7 @@ from math import comb
 import numpy as np
 from scipy import sparse
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, joined_columns
 from elvis.core.data.dataset import Dataset
 from elvis.core.mapping.orientation import chunks
 from elvis.core.polynomials.evaluation import evaluate
@@ -94,7 +94,7 @@ def patch_errors(dataset: Dataset, name: str, order: int) -> tuple[Ints, Floats,
             fits.fit(own.start + rows[part], patches_of[own.start + rows[part]])
         step = max(1, BATCH // (fits.size * (fits.degree + 1) ** own.patch.shape.dimension))
         found += [_norms(fits, own, rows[part]) for part in chunks(len(own), step)]
-    missing, misfit = (np.concatenate(norms) for norms in zip(*found, strict=True))
+    missing, misfit = joined_columns(found)
     return np.concatenate([own.patch.element_ids for own in elements]), missing, misfit
 
 

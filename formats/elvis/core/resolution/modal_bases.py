@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.base.arrays import Floats, Ints, frozen_floats, frozen_ints, grid_points
 from elvis.core.base.bounded_cache import bounded_cache
 from elvis.core.base.errors import ElvisError
 from elvis.core.data.dataset import Expansion
@@ -182,6 +182,6 @@ def exact_rule(expansion: Expansion) -> tuple[Floats, Floats]:
     powers = COLLAPSE[expansion.shape]
     lines = [gauss(degree + 1, power) for degree, power in zip(degrees, powers, strict=True)]
     scaled = [weights / 2**power for (_, weights), power in zip(lines, powers, strict=True)]
-    eta = np.stack(np.meshgrid(*(nodes for nodes, _ in lines), indexing="ij"), axis=-1).reshape(-1, len(lines))
-    grid = np.stack(np.meshgrid(*scaled, indexing="ij"), axis=-1).reshape(-1, len(lines))
+    eta = grid_points(*(nodes for nodes, _ in lines))
+    grid = grid_points(*scaled)
     return uncollapse(expansion.shape, eta), grid.prod(axis=1)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, rows_by_number
 from elvis.core.streamlines.course import REST, diagonal
 from elvis.core.streamlines.flow_data import FlowSource, flow_data
 from elvis.core.streamlines.seeds import seed_points
@@ -65,9 +65,8 @@ def anchors(data: FlowSource, points: Any, vector: Sequence[str] | None = None, 
         "have the vector zero": int((known & ~moving).sum()),
     }
     reference = np.zeros((len(inside), 3))
-    for number in np.unique(patch):
-        here = np.flatnonzero(patch == number)
-        places = velocity.in_elements(int(number), own[here, : velocity.patches[number].dimension])
+    for number, here in rows_by_number(patch):
+        places = velocity.in_elements(number, own[here, : velocity.patches[number].dimension])
         reference[here, : places.shape[1]] = places
     chosen = inside[moving]
     return Anchors(

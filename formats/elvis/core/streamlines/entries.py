@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints, rows_by_number
 from elvis.core.mapping.locate import Location
 from elvis.core.streamlines.neighbours import Neighbours
 from elvis.core.streamlines.velocity import Velocity
@@ -27,8 +27,7 @@ def taking_up(
     An element takes up a line that leads into it from each of its sides that the place is on, or along it.
     """
     takes = np.zeros(len(candidates), bool)
-    for number in np.unique(location.patch[candidates]).tolist():
-        here = np.flatnonzero(location.patch[candidates] == number)
+    for number, here in rows_by_number(location.patch[candidates]):
         chosen = candidates[here]
         normals, offsets = neighbours.facets(number)
         plane = normals.shape[1]

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, rows_by_number
 from elvis.core.mapping import tangents
 from elvis.core.mapping.orientation import chunks
 from elvis.core.mapping.patch import Patch
@@ -38,8 +38,7 @@ def first_widths(velocity: Velocity, patch: Ints, row: Ints, motion: Motion, tol
     tolerance  error of a step, in the world
     """
     widths = np.empty(len(patch))
-    for number in np.unique(patch).tolist():
-        every = np.flatnonzero(patch == number)
+    for number, every in rows_by_number(patch):
         for part in chunks(len(every), _AT_ONCE):
             here = every[part]
             own = Motion(motion.velocity[here], motion.reference[here], motion.jacobians[here])

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, rows_by_number
 from elvis.core.base.errors import ElvisError
 from elvis.core.data.dataset import Dataset
 from elvis.core.mapping.patch import Patch, patches
@@ -112,11 +112,10 @@ class MovingVelocity(Velocity):
     def values(self, expression: Expression, patch: Ints, row: Ints, points: Floats) -> Floats:
         """(n,) values of one of the evaluator's expressions."""
         found = np.empty(len(points))
-        for number in np.unique(patch):
-            everywhere = np.flatnonzero(patch == number)
+        for number, everywhere in rows_by_number(patch):
             for first in range(0, len(everywhere), _BATCH):
                 here = everywhere[first : first + _BATCH]
-                places = self.places(int(number), row[here], points[here])
+                places = self.places(number, row[here], points[here])
                 (value,) = self.evaluator.values_at([expression], places)
                 found[here] = value
         return found

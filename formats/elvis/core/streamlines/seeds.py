@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, grid_points, rows_by_number
 from elvis.core.base.errors import ElvisError
 from elvis.core.base.hints import perhaps
 from elvis.core.data.axis_planes import Corners, box_of, with_normals
@@ -77,8 +77,7 @@ class SeedPlaces:
 
         def positions(patch: Ints, row: Ints, points: Floats) -> Floats:
             found = np.empty((len(points), 3))
-            for number in np.unique(patch):
-                here = np.flatnonzero(patch == number)
+            for number, here in rows_by_number(patch):
                 found[here] = pointwise.positions(locator.patches[number], row[here], points[here])
             return found
 
@@ -181,7 +180,7 @@ class _Reader:
             np.linspace(a, b, count) if count > 1 else np.array([(a + b) / 2])
             for a, b, count in zip(low, high, counts, strict=True)
         ]
-        return np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)
+        return grid_points(*lines)
 
     def _plane(self, parts: _Parts) -> Floats:
         """The middles of equal squares of the plane, over all of the box of all elements."""
@@ -190,12 +189,12 @@ class _Reader:
             raise ValueError
         axes, box = _across(normal), np.asarray(self.locator.tree.nodes[0], np.float64)
         low, high = box[:3], box[3:]
-        corners = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), axis=-1).reshape(-1, 3)
+        corners = grid_points(*zip(low, high, strict=True))
         seen = (corners - point) @ axes.T
         start, extent = seen.min(axis=0), np.ptp(seen, axis=0)
         side = float(extent.max()) / count
         numbers = [np.arange(max(1, round(length / side))) for length in extent]
-        places = np.stack(np.meshgrid(*numbers, indexing="ij"), axis=-1).reshape(-1, 2)
+        places = grid_points(*numbers)
         found = point + (start + (places + 0.5) * side) @ axes
         # on planes along an axis no rounding leads away from them
         found[:, np.abs(axes).max(axis=0) == 0] = point[np.abs(axes).max(axis=0) == 0]
@@ -244,7 +243,7 @@ class _Reader:
 def part_middles(count: int, dimension: int) -> Floats:
     """(count^d, d) the middles of equal parts of [-1, 1]^d."""
     middles = (2 * np.arange(count) + 1) / count - 1
-    return np.stack(np.meshgrid(*[middles] * dimension, indexing="ij"), axis=-1).reshape(-1, dimension)
+    return grid_points(*[middles] * dimension)
 
 
 def check_boundary(name: str, known: Sequence[str]) -> None:

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, joined_ints
 from elvis.core.base.errors import ElvisError
 from elvis.core.base.rows import Rows
 from elvis.core.files.columns import Columns
@@ -189,7 +189,7 @@ class Along:
     def of(points: Points, moving: Velocity, others: Sequence[Expression]) -> Along:
         """The values at points of lines along a velocity, with additional quantities."""
         patch, row, reference = points.patch, points.row, points.state[:, :-1]
-        ids = np.concatenate([np.empty(0, np.int64), *(own.element_ids for own in moving.patches)])
+        ids = joined_ints(own.element_ids for own in moving.patches)
         starts = np.cumsum([0, *map(len, moving.patches)])
         return Along(
             points.line,

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats
+from elvis.core.base.arrays import Floats, rows_by_number
 from elvis.core.base.errors import ElvisError
 from elvis.core.polynomials.quadrature import gauss
 from elvis.core.quantities.expression import Expression
@@ -86,9 +86,8 @@ class Stretching:
         d = self.gradients.shape[1]
         points = bernstein_at(piece.nets, node * piece.part)[:, :-1]
         found = np.empty((len(points), d * d))
-        for number in np.unique(piece.patch):
-            here = np.flatnonzero(piece.patch == number)
-            values = self.velocity.together(self.slopes, int(number), piece.row[here], points[here])
+        for number, here in rows_by_number(piece.patch):
+            values = self.velocity.together(self.slopes, number, piece.row[here], points[here])
             for column, value in enumerate(values):
                 found[here, column] = value
         return self.sign * found.reshape(-1, d, d)

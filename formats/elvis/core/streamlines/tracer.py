@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints, rows_by_number
 from elvis.core.mapping import tangents
 from elvis.core.mapping.inverse import Status
 from elvis.core.mapping.locate import Locator
@@ -234,9 +234,8 @@ class Tracer:
         """
         place, event = np.full(len(lines), np.inf), np.full(len(lines), -1)
         patch = self.patch[lines]
-        for number in np.unique(patch):
-            here = np.flatnonzero(patch == number)
-            normals, offsets = self.neighbours.facets(int(number))
+        for number, here in rows_by_number(patch):
+            normals, offsets = self.neighbours.facets(number)
             d = normals.shape[1]
             heights = np.moveaxis(nets[here][:, :, :d] @ normals.T + offsets, 2, 1)
             heights = heights + self._room(lines[here], heights[:, :, 0], normals)[:, :, None]

@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, rows_by_number
 from elvis.core.base.errors import ElvisError
 from elvis.core.data.dataset import Dataset
 from elvis.core.mapping import pointwise, tangents
@@ -100,9 +100,8 @@ class Velocity:
         """The motion at reference points (n, D) of elements: patches (n,) and rows in them (n,)."""
         count, d = len(points), points.shape[1] - self.clocks
         found = Motion(np.zeros((count, 3)), np.empty((count, d)), np.empty((count, 3, d)))
-        for number in np.unique(patch):
-            here = np.flatnonzero(patch == number)
-            velocity, jacobians = self._at(int(number), row[here], points[here])
+        for number, here in rows_by_number(patch):
+            velocity, jacobians = self._at(number, row[here], points[here])
             with np.errstate(all="ignore"):
                 reference = np.einsum("nci,nc->ni", tangents.duals(jacobians), velocity)
             if d < 3:
@@ -115,9 +114,8 @@ class Velocity:
         if points.shape[1] - self.clocks < 3:
             return self.motion(patch, row, points).velocity
         found = np.zeros((len(points), 3))
-        for number in np.unique(patch):
-            here = np.flatnonzero(patch == number)
-            found[here] = self._vectors(int(number), row[here], points[here])
+        for number, here in rows_by_number(patch):
+            found[here] = self._vectors(number, row[here], points[here])
         return found
 
     def in_world(self, element: Ints, reference: Floats) -> Floats:
@@ -147,8 +145,7 @@ class Velocity:
     def positions(self, patch: Ints, row: Ints, points: Floats) -> Floats:
         """(n, 3) world coordinates."""
         found = np.empty((len(points), 3))
-        for number in np.unique(patch):
-            here = np.flatnonzero(patch == number)
+        for number, here in rows_by_number(patch):
             found[here] = pointwise.positions(self.patches[number], row[here], points[here])
         return found
 
@@ -167,8 +164,7 @@ class Velocity:
     def values(self, expression: Expression, patch: Ints, row: Ints, points: Floats) -> Floats:
         """(n,) values of one of the evaluator's expressions."""
         found = np.empty(len(points))
-        for number in np.unique(patch):
-            here = np.flatnonzero(patch == number)
+        for number, here in rows_by_number(patch):
             found[here] = self.evaluator.values(expression, self.patches[number], row[here], points[here])
         return found
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.base.arrays import Floats, Ints, frozen_floats, frozen_ints, grid_points, rows_by_number
 from elvis.core.base.errors import ElvisError
 from elvis.core.base.ranks import ALONE, Ranks
 from elvis.core.data.dataset import Dataset
@@ -117,9 +117,8 @@ class WallVelocity(Velocity):
     def motion(self, patch: Ints, row: Ints, points: Floats) -> Motion:
         """The motion at reference points (n, 2) of faces: patches (n,) and rows in them (n,)."""
         found = Motion(np.zeros((len(points), 3)), np.empty((len(points), 2)), np.empty((len(points), 3, 2)))
-        for number in np.unique(patch):
-            here = np.flatnonzero(patch == number)
-            piece, places = self._places(int(number), row[here], points[here])
+        for number, here in rows_by_number(patch):
+            piece, places = self._places(number, row[here], points[here])
             along = piece.along(places.jacobians)
             shear = np.zeros((len(here), 3))
             for axis, value in enumerate(self.evaluator.values_at(self.expressions, places)):
@@ -133,8 +132,7 @@ class WallVelocity(Velocity):
     def positions(self, patch: Ints, row: Ints, points: Floats) -> Floats:
         """(n, 3) world coordinates, by the maps of the elements."""
         found = np.empty((len(points), 3))
-        for number in np.unique(patch):
-            here = np.flatnonzero(patch == number)
+        for number, here in rows_by_number(patch):
             piece = self.pieces[number]
             found[here] = pointwise.positions(piece.patch, piece.rows[row[here]], piece.places(points[here]))
         return found
@@ -142,9 +140,8 @@ class WallVelocity(Velocity):
     def values(self, expression: Expression, patch: Ints, row: Ints, points: Floats) -> Floats:
         """(n,) values of one of the evaluator's expressions."""
         found = np.empty(len(points))
-        for number in np.unique(patch):
-            here = np.flatnonzero(patch == number)
-            _, places = self._places(int(number), row[here], points[here])
+        for number, here in rows_by_number(patch):
+            _, places = self._places(number, row[here], points[here])
             (value,) = self.evaluator.values_at([expression], places)
             found[here] = value
         return found
@@ -165,7 +162,7 @@ def _face_patch(piece: Piece) -> Patch:
     """Sides of elements as elements of a surface: their maps, interpolated where they are polynomials."""
     degree = max(1, *box_degrees(bernstein_space(piece.patch.geometry)))
     nodes = gauss(degree + 1)[0]
-    lattice = np.stack(np.meshgrid(nodes, nodes, indexing="ij"), axis=-1).reshape(-1, 2)
+    lattice = grid_points(nodes, nodes)
     points = uncollapse(piece.shape, lattice)
     expansion = modified(piece.shape, (degree + 1, degree + 1))
     tables = values(piece.patch.geometry, piece.places(points))

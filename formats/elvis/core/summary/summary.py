@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, grid_points, joined_ints
 from elvis.core.base.ranks import ALONE, Ranks
 from elvis.core.bounds.bounding import deciding_elements, quantity_range
 from elvis.core.bounds.ranges import Range, deciding, field_ranges, finite_rows, value_range
@@ -144,7 +144,7 @@ class _Tally:
     @staticmethod
     def of(dataset: Dataset, blocks: Sequence[GeometryBlock]) -> _Tally:
         given = [field.blocks for field in dataset.map_fields]
-        mapped = np.concatenate([np.empty(0, np.int64), *(block.element_ids for own in given for block in own)])
+        mapped = joined_ints(block.element_ids for own in given for block in own)
         # see `elvis.core.mapping.geometry`: by shape and orders, then what fields give by the first element
         maps = [
             ((1, int(block.element_ids[0])), block.expansion, len(block))
@@ -263,7 +263,7 @@ def _determinants(block: GeometryBlock, space: int) -> Iterator[tuple[Ints, Floa
 def gauss_points(expansion: Expansion) -> Floats:
     """(n, d) Gauss points of the shape, one more in each direction of eta than the expansion has modes."""
     lines = [gauss(modes + 1)[0] for modes in expansion.modes]
-    eta = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, expansion.shape.dimension)
+    eta = grid_points(*lines)
     return uncollapse(expansion.shape, eta)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, frozen_floats
+from elvis.core.base.arrays import Floats, frozen_floats, grid_points
 from elvis.core.base.bounded_cache import bounded_cache
 from elvis.core.data.dataset import Block, Dataset, Expansion, Field
 from elvis.core.data.mesh import Mesh
@@ -79,7 +79,7 @@ def _projection(expansion: Expansion) -> tuple[Floats, Floats]:
     shape = expansion.shape
     # degrees up to n - 1 in each collapsed coordinate, on pyramids up to 2 n - 3 in the last one
     lines = [gauss(2 * count if shape is Shape.PYRAMID else count + 1) for count in expansion.modes]
-    eta = np.stack(np.meshgrid(*(nodes for nodes, _ in lines), indexing="ij"), axis=-1).reshape(-1, shape.dimension)
+    eta = grid_points(*(nodes for nodes, _ in lines))
     weights = np.ones(1)
     for _, line in lines:
         weights = np.multiply.outer(weights, line).reshape(-1)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Ints
+from elvis.core.base.arrays import Bools, Ints, joined_columns
 from elvis.core.triangles.box_nodes import BoxNodes, Split
 
 #: corners around each face of a box, counter-clockwise from outside
@@ -159,7 +159,7 @@ def _segments(nodes: BoxNodes, quads: Quads, edges: _Middles) -> tuple[_Segments
         is_fan[quad] = True
         ends = np.concatenate([np.column_stack([ends[:, 0], keys]), np.column_stack([keys, ends[:, 1]])])
         quad = np.tile(quad, 2)
-    return _Segments(*(np.concatenate(own) for own in zip(*found, strict=True))), is_fan
+    return _Segments(*joined_columns(found)), is_fan
 
 
 def _halves(nodes: BoxNodes, quads: Quads) -> Quads:

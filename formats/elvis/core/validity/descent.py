@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, joined_columns
 from elvis.core.base.rows import Rows
 from elvis.core.polynomials.boxnets import corners, halves
 
@@ -44,7 +44,7 @@ def least(nets: Floats, error: Floats, goal: Floats | None = None) -> Least:
     goal = np.full(len(nets), np.inf) if goal is None else goal
     parts = [slice(first, first + step) for first in range(0, len(nets), step)]
     found = [_Descent(nets[part], error[part], goal[part]).result for part in parts]
-    return Least(*(np.concatenate(arrays) for arrays in zip(*found, strict=True)))
+    return Least(*joined_columns(found))
 
 
 @dataclass(frozen=True, eq=False)

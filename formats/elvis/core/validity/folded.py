@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints, distinct
+from elvis.core.base.arrays import Bools, Floats, Ints, distinct, joined_ints
 from elvis.core.base.ranks import ALONE, Ranks
 from elvis.core.data.dataset import Dataset
 from elvis.core.mapping.geometry import Assembly, GeometryBlock, Part, parts
@@ -46,8 +46,7 @@ class Folded:
     def joined(parts: Sequence[Folded]) -> Folded:
         """The combined results for parts of a dataset."""
         wrong, undecided = (
-            distinct(np.concatenate([np.empty(0, np.int64), *ids]))
-            for ids in ([own.wrong for own in parts], [own.undecided for own in parts])
+            distinct(joined_ints(ids)) for ids in ([own.wrong for own in parts], [own.undecided for own in parts])
         )
         return Folded(wrong, undecided)
 

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints, frozen_floats
+from elvis.core.base.arrays import Floats, Ints, frozen_floats, grid_points
 from elvis.core.base.bounded_cache import bounded_cache
 from elvis.core.polynomials.bernstein import line_tables
 from elvis.core.polynomials.boxnets import halves, power_net
@@ -151,7 +151,7 @@ def _start(net: Floats, values: Floats) -> tuple[Floats, Floats]:
     curvature, axes = np.linalg.eigh(_taylor(net, place)[2])
     chosen = curvature > _CURVED * np.abs(curvature).max()
     gradients = np.sqrt(curvature[chosen] / 2)[:, None] * axes.T[chosen]
-    grid = np.stack(np.meshgrid(*[nodes] * net.ndim, indexing="ij"), axis=-1).reshape(-1, net.ndim)
+    grid = grid_points(*[nodes] * net.ndim)
     return np.concatenate([-gradients @ place[:, None], gradients], axis=1), np.linalg.norm(grid - place, axis=1)
 
 

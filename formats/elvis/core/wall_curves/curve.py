@@ -14,7 +14,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints, rows_by_number
 from elvis.core.base.errors import ElvisError
 from elvis.core.data.axis_planes import box_of, point_and_normal
 from elvis.core.data.dataset import Dataset
@@ -127,8 +127,7 @@ class WallCurve:
                 continue
             which = self.row[segment[here]]
             xi, slope = kind.at(which, own[here])
-            for piece in np.unique(kind.piece[which]):
-                chosen = np.flatnonzero(kind.piece[which] == piece)
+            for piece, chosen in rows_by_number(kind.piece[which]):
                 rows = self.pieces[piece].rows[kind.row[which[chosen]]]
                 turned = sign[here[chosen], None] * slope[chosen]
                 yield here[chosen], self.pieces[piece], rows, self._onto(piece, rows, xi[chosen]), turned

@@ -13,7 +13,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.base.arrays import Bools, Floats, Ints, among, frozen_floats, frozen_ints, frozen_view, narrow_ints
+from elvis.core.base.arrays import (
+    Bools,
+    Floats,
+    Ints,
+    among,
+    frozen_floats,
+    frozen_ints,
+    frozen_view,
+    joined_ints,
+    narrow_ints,
+)
 from elvis.core.base.errors import FormatError
 from elvis.core.data.mesh import Composite, Counts, Curves, Entities, Mesh
 from elvis.core.polynomials.points import PointsType
@@ -325,7 +335,7 @@ def lookups_of(raw: RawGeometry) -> list[Lookup]:
     names = ["vertex", "edge", "face", "element"]
     names[raw.dimension] = "element"
     tables = [[raw.tables[shape][0] for shape in Shape.of_dimension(d) if shape in raw.tables] for d in (1, 2, 3)]
-    ids = [own[0] if len(own) == 1 else np.concatenate([np.empty(0, np.int64), *own]) for own in tables]
+    ids = [own[0] if len(own) == 1 else joined_ints(own) for own in tables]
     return [Lookup(numbers, name) for numbers, name in zip([raw.vertex_ids, *ids], names, strict=True)]
 
 

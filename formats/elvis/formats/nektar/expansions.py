@@ -15,7 +15,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elvis.core.base.arrays import Ints, distinct
+from elvis.core.base.arrays import Ints, distinct, joined_ints
 from elvis.core.base.errors import FormatError
 from elvis.core.data.dataset import Dataset, Expansion, ExpansionRule
 from elvis.core.data.mesh import Composite, Mesh
@@ -195,7 +195,7 @@ class _Expansions:
             self._composites.setdefault(composite.id, []).append(composite)
         parts = [part for section in sections for part in section.parts]
         self._expansions = [part.expansion for part in parts]
-        ids = np.concatenate([np.empty(0, np.int64), *(part.element_ids for part in parts)])
+        ids = joined_ints(part.element_ids for part in parts)
         numbers = np.repeat(np.arange(len(parts), dtype=np.int32), [len(part.element_ids) for part in parts])
         order = np.argsort(ids, kind="stable")
         self._ids, self._parts = ids[order], numbers[order]

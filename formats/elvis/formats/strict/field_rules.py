@@ -7,7 +7,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elvis.core.base.arrays import Ints
+from elvis.core.base.arrays import Ints, joined_ints
 from elvis.core.data.dataset import Dataset, ExpansionRule
 from elvis.core.data.mesh import Composite, Mesh
 from elvis.core.shapes import Shape
@@ -110,7 +110,7 @@ def _on_composite(composite: Composite, name: str, rules: Sequence[ExpansionRule
 def _modes(mesh: Mesh, composite: Composite, sections: Sequence[Section]) -> int:
     """The most modes in any direction of the data on a composite."""
     tags = {shape.tag for shape in Shape.of_dimension(mesh.dimension)}
-    ids = np.concatenate([np.empty(0, np.int64), *(part for tag, part in composite.parts if tag in tags)])
+    ids = joined_ints(part for tag, part in composite.parts if tag in tags)
     most = 0
     for section in sections:
         inside = np.isin(section.element_ids, ids)

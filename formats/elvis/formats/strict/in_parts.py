@@ -17,7 +17,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.base.arrays import Ints
+from elvis.core.base.arrays import Ints, joined_columns
 from elvis.core.base.errors import FormatError
 from elvis.core.base.ranks import Ranks
 from elvis.core.data.dataset import Dataset
@@ -183,7 +183,7 @@ def _distinct(tables: Sequence[_Table]) -> int | None:
 
     None if two have the same members, or one has three elements.
     """
-    rows, hashes, owners = (np.concatenate(own) for own in zip(*tables, strict=True))
+    rows, hashes, owners = joined_columns(tables)
     _, first, place = np.unique(rows, return_index=True, return_inverse=True)
     is_crowded = (np.bincount(place.reshape(-1), owners, len(first)) > 2).any()
     return None if is_crowded or len(np.unique(hashes[first])) < len(first) else len(first)

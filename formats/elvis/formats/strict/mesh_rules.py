@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, joined_ints
 from elvis.core.base.errors import FormatError
 from elvis.core.data.dataset import MAP_KEY, Dataset
 from elvis.core.data.mesh import Curves, Mesh
@@ -152,7 +152,7 @@ def _composites(mesh: Mesh) -> Iterator[Finding]:
             kind = style_rule if set(tags) <= elements else library_rule
             sentence = f"expected elements of one shape in the domain, found {', '.join(tags)}"
             yield kind(f"composite {composite.id}", sentence)
-    ids = np.concatenate([np.empty(0, np.int64), *(part for c in own for _, part in c.parts)])
+    ids = joined_ints(part for c in own for _, part in c.parts)
     distinct, counts = np.unique(ids, return_counts=True)
     if (counts > 1).any():
         yield style_rule("<DOMAIN>", f"expected each element once, found {_first_ids(distinct[counts > 1])} again")

@@ -10,7 +10,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from elvis.core.base.arrays import concatenated, frozen_floats, frozen_ints
+from elvis.core.base.arrays import concatenated, frozen_floats, frozen_ints, joined_ints
 from elvis.core.base.errors import ElvisError, FormatError
 from elvis.core.data.dataset import MAP_FIELDS, MAP_KEY, Block, Dataset, Field
 from elvis.core.data.mesh import Mesh
@@ -149,7 +149,7 @@ def convert(source: Converter, settings: Settings | None = None, files: Sequence
     )
     dataset = interfaces.dataset
     # a mesh of the source's own may have elements that it doesn't list
-    suspects = np.concatenate([np.empty(0, np.int64), *attempt.findings.doubtful]) if source.mesh is None else None
+    suspects = joined_ints(attempt.findings.doubtful) if source.mesh is None else None
     invalid = folded(dataset, suspects=suspects)
     attempt.findings.inverted.append(invalid.wrong)
     report = attempt.report([Path(file).name for file in files])

@@ -7,7 +7,7 @@ from itertools import groupby
 
 import numpy as np
 
-from elvis.core.base.arrays import Ints
+from elvis.core.base.arrays import Ints, joined_ints
 from elvis.plugins.conversion.plugin import Converter
 from elvis.plugins.conversion.report import Measure, Report, is_rounding
 from elvis.plugins.projection.fitting import FieldFit
@@ -119,4 +119,4 @@ def _notes(source: Converter, plan: Topology, fitted: Sequence[FieldFit]) -> lis
 
 
 def _ids(parts: Sequence[Ints]) -> tuple[int, ...]:
-    return tuple(np.unique(np.concatenate([np.empty(0, np.int64), *parts])).tolist())
+    return tuple(np.unique(joined_ints(parts)).tolist())

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints, joined_ints
 from elvis.core.base.errors import ElvisError
 from elvis.core.base.rounded_up import rounded_up
 from elvis.core.data.conversion_errors import REPORT
@@ -329,7 +329,7 @@ def _settings(source: QuantitySource, order: int | None, tolerance: float) -> li
 def _check_finite(pairs: Sequence[tuple[FieldFit, Tally]]) -> None:
     """ElvisError for a quantity that has no finite value somewhere."""
     for fit, tally in pairs:
-        ids = np.unique(np.concatenate([np.empty(0, np.int64), *tally.broken]))
+        ids = np.unique(joined_ints(tally.broken))
         if len(ids):
             few = ", ".join(map(str, ids[:4].tolist())) + (", …" if len(ids) > 4 else "")
             raise ElvisError(f"{fit.field.name}: expected finite values, found others in {len(ids)} elements: {few}")

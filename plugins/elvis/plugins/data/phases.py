@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from elvis.core.base.arrays import frozen_floats, frozen_ints
+from elvis.core.base.arrays import frozen_floats, frozen_ints, joined_ints
 from elvis.core.base.errors import ElvisError
 from elvis.core.data.complex_fields import ComplexChoice, Pairs, cosine_and_sine, named_pairs, pairs_in
 from elvis.core.data.conversion_errors import REPORT, ConversionErrors
@@ -95,7 +95,7 @@ def _with_field(dataset: Dataset, name: str, pair: tuple[str, str], cosine: floa
 
 def _combined(dataset: Dataset, real: Field, imaginary: Field, cosine: float, sine: float) -> Iterator[Block | None]:
     """Blocks of the combination on elements that have both parts; None for parts in different bases."""
-    ids = np.unique(np.concatenate([np.empty(0, np.int64), *(block.element_ids for block in real.blocks)]))
+    ids = np.unique(joined_ints(block.element_ids for block in real.blocks))
     if not len(ids):
         return
     for group in grouped(ids, [real.blocks, imaginary.blocks]):

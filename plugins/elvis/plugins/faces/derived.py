@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, rows_by_number
 from elvis.core.base.errors import ElvisError
 from elvis.core.base.relative import error_limit, scale
 from elvis.core.polynomials.bernstein import bernstein_values
@@ -96,8 +96,7 @@ def _deviation(
     points = face_space(space.shape, space.degree + 1).points
     found = bernstein_values(space.space, points) @ nets
     worst = 0.0
-    for side in np.unique(local):
-        here = np.flatnonzero(local == side)
+    for side, here in rows_by_number(local):
         origin = places[side, 0]
         axes = places[side, 1:]
         truth = positions(rows[here], origin + points @ axes)

@@ -14,7 +14,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints, frozen_floats
+from elvis.core.base.arrays import Floats, Ints, frozen_floats, rows_by_number
 from elvis.core.base.bounded_cache import bounded_cache
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values, gradient_nets
 from elvis.core.polynomials.collapse import uncollapse
@@ -116,8 +116,7 @@ def sampled_nets(space: FaceSpace, rows: Ints, local: Ints, frames: Floats, imag
 
     def nets(chosen: Ints) -> Floats:
         result = np.empty((len(chosen), space.count, 4))
-        for side in np.unique(local[chosen]):
-            here = np.flatnonzero(local[chosen] == side)
+        for side, here in rows_by_number(local[chosen]):
             points = frames[side, 0] + space.points @ frames[side, 1:]
             result[here] = space.fit @ images(rows[chosen[here]], points)
         return result

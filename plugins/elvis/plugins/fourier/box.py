@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, joined_floats
 from elvis.core.base.errors import FormatError
 from elvis.core.files.archives import Archive, names_in
 from elvis.core.files.output import replacing
@@ -122,7 +122,7 @@ def series(bases: Sequence[str], amplitudes: Floats, points: Floats) -> Floats:
     """(n,) values of a tensor product series at points (n, 3) of [-1, 1]^3."""
     step = max(1, _BATCH // amplitudes.size)
     batches = [_series(bases, amplitudes, points[k : k + step]) for k in range(0, len(points), step)]
-    return np.concatenate([np.empty(0), *batches])
+    return joined_floats(batches)
 
 
 def _series(bases: Sequence[str], amplitudes: Floats, points: Floats) -> Floats:

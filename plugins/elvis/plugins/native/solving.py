@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints, rows_by_number
 from elvis.core.mapping.inverse import Status, invert
 from elvis.core.mapping.patch import Patch
 from elvis.plugins.native.bending import bends
@@ -32,8 +32,7 @@ class Solver:
         solution = Solution(np.full(n, UNDECIDED), np.zeros(n), np.zeros((n, 3)), np.full(n, np.nan))
         bounds = np.cumsum([0, *map(len, self.patches)])
         owner = np.searchsorted(bounds, elements, side="right") - 1
-        for number in np.unique(owner):
-            chosen = np.flatnonzero(owner == number)
+        for number, chosen in rows_by_number(owner):
             self._solve(self.patches[number], chosen, elements[chosen] - bounds[number], points[chosen], solution)
         return solution
 
@@ -42,8 +41,7 @@ class Solver:
         bounds = np.cumsum([0, *map(len, self.patches)])
         owner = np.searchsorted(bounds, elements, side="right") - 1
         strong = np.zeros(len(elements), bool)
-        for number in np.unique(owner):
-            chosen = np.flatnonzero(owner == number)
+        for number, chosen in rows_by_number(owner):
             strong[chosen] = bends(self.patches[number], elements[chosen] - bounds[number])
         return strong
 

@@ -12,7 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, joined_ints
 from elvis.core.mapping.tangents import duals
 from elvis.core.polynomials.evaluation import evaluate
 from elvis.plugins.conversion.report import is_rounding
@@ -81,7 +81,7 @@ def _sharpen(
     """
     tallies = tallies_of(found)
     some = [tally.leaders[0] for tally in tallies if not _is_rounding(tally, precision)]
-    leaders = np.unique(np.concatenate([np.empty(0, np.int64), *some]))
+    leaders = np.unique(joined_ints(some))
     if len(leaders):
         for tally, other in zip(tallies, tallies_of(look(leaders, _DENSE)), strict=True):
             tally.sharpen(other)

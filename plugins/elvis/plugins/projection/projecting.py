@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.base.arrays import largest
+from elvis.core.base.arrays import joined_ints, largest
 from elvis.core.data.dataset import Dataset
 from elvis.core.data.mesh import Mesh
 from elvis.plugins.conversion.plugin import SourceField
@@ -78,7 +78,7 @@ def at_tolerance(
         fitted = _join(sampler, mesh, blocks, fit_fields(sampler, blocks, fields), by_force=True)
         findings = check(sampler, maps, blocks, fitted, sampler.source.precision, bounds)
         last = Projection(blocks, fitted, findings)
-        beyond = np.concatenate([np.empty(0, np.int64), *(ids for tally in findings.fields for ids in tally.beyond)])
+        beyond = joined_ints(ids for tally in findings.fields for ids in tally.beyond)
         if not len(beyond):
             return last
         blocks = enrich(blocks, fields, beyond, highest)

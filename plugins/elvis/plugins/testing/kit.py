@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, every_pair
 from elvis.core.data.dataset import Dataset
 from elvis.formats.reading import read
 from elvis.formats.writing import write
@@ -92,7 +92,7 @@ def _compare(source: Converter, conversion: Conversion, again: Dataset, number: 
     rng = np.random.default_rng(7)
     points = _points(block)
     some = np.sort(rng.choice(len(block), min(_ELEMENTS, len(block)), replace=False))
-    rows, places = np.repeat(some, len(points)), np.tile(points, (len(some), 1))
+    rows, places = every_pair(some, points)
     batch = block.take(some)
     wanted = np.zeros((len(rows), 3))
     given = source.positions(batch, points).reshape(len(rows), -1)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints, rows_of
+from elvis.core.base.arrays import Floats, Ints, joined_columns, rows_of
 from elvis.core.polynomials.bernstein import bernstein_values
 from elvis.plugins.faces import FaceBlock, Faces, faces_of
 from elvis.plugins.runtime import volume_checks
@@ -125,7 +125,7 @@ def _check_faces(volume: Volume, faces: Faces, service: EvaluationService) -> No
         found.append((block.entity[rows], positions.mean(axis=1)))
 
     # the means of the points of a face's two sides are one place, whichever way round they run
-    entity, middles = (np.concatenate(columns) for columns in zip(*found, strict=True))
+    entity, middles = joined_columns(found)
     order = np.argsort(entity, kind="stable")
     pairs = np.flatnonzero(np.diff(entity[order]) == 0)
     apart = np.abs(middles[order[pairs]] - middles[order[pairs + 1]]).max(axis=1, initial=0.0)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints, grid_points
 from elvis.core.data.dataset import Dataset, Expansion
 from elvis.core.integrals.reference_cells import Piece, box_rule
 from elvis.core.mapping.inverse import Status
@@ -231,7 +231,7 @@ class _BlockMoments:
         The patch is _SEVERAL if there is no such element, _NONE if no element is near.
         """
         d = self.block.shape.dimension
-        corners = (1 - _INWARDS) * np.stack(np.meshgrid(*[[-1.0, 1.0]] * d, indexing="ij"), axis=-1).reshape(-1, d)
+        corners = (1 - _INWARDS) * grid_points(*[[-1.0, 1.0]] * d)
         parts, rows = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
         for some in chunks(len(boxes), max(1, _AT_ONCE // len(corners))):
             places = self._points(boxes.part(some), corners)[0].positions

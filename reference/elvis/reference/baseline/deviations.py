@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.base.arrays import Floats
+from elvis.core.base.arrays import Floats, grid_points
 from elvis.core.base.needing import MissingPackageError
 from elvis.core.data.dataset import Dataset
 from elvis.core.deformed.isometries import Isometry
@@ -98,7 +98,7 @@ def face_points(dataset: Dataset, patches: Sequence[Patch], words: tuple[str, ..
     count = max(sum(map(len, chosen)), 1)
     each = int(np.clip(np.sqrt(_POINTS / count), 2, _EACH))
     steps = (2 * np.arange(each) + 1) / each - 1
-    square = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
+    square = grid_points(steps, steps)
     found = []
     for block, rows in zip(faces.blocks, chosen, strict=True):
         patch = patches[block.part]

@@ -11,7 +11,7 @@ from itertools import pairwise, product
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, joined_columns
 from elvis.core.mapping.patch import Patch
 from elvis.core.polynomials.collapse import uncollapse
 from elvis.core.shapes import Shape
@@ -82,7 +82,7 @@ def _holding(
     points, divisor = _sample(patch.shape, box, degrees)
     parts = np.array_split(rows, -(-len(rows) * len(points) // _AT_ONCE) or 1)
     bounds = [bounds_of(function(patch, part, points), divisor) for part in parts]
-    low, high = (np.concatenate(ends) for ends in zip(*bounds, strict=True))
+    low, high = joined_columns(bounds)
     rows = rows[~((low > value) | (high < value))]
     if not halvings or not len(rows):
         yield rows, box

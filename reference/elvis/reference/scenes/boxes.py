@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, grid_points
 from elvis.core.base.bounded_cache import bounded_cache
 from elvis.core.base.rows import Rows
 from elvis.reference.scenes.equations import Linear
@@ -83,7 +83,7 @@ class Boxes(Rows):
 def nodes(degrees: tuple[int, ...]) -> Floats:
     """(c, d) points of [-1, 1]^d, at which values determine the series."""
     lines = [chebyshev.chebpts1(degree + 1) for degree in degrees]
-    return np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, len(degrees))
+    return grid_points(*lines)
 
 
 def _along(series: Floats, axis: int, matrix: Floats) -> Floats:
@@ -94,7 +94,7 @@ def _along(series: Floats, axis: int, matrix: Floats) -> Floats:
 @bounded_cache
 def _powers(degrees: tuple[int, ...]) -> Ints:
     ranges = [np.arange(degree + 1) for degree in degrees]
-    return np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, len(degrees))
+    return grid_points(*ranges)
 
 
 @bounded_cache

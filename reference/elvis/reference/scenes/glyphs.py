@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints, joined_columns
 from elvis.core.base.rows import Rows
 from elvis.reference.quantities import Quantities
 from elvis.reference.scenes.crossings import Crossings
@@ -135,7 +135,7 @@ def _pairs(solids: Frusta, view: View) -> Iterator[_Pairs]:
         count += len(pixel)
         if count < _AT_ONCE and number < len(radius) - 1:
             continue
-        solid, pixel = (np.concatenate(own) for own in zip(*found, strict=True))
+        solid, pixel = joined_columns(found)
         base, axis, length, radii = (getattr(solids, name)[solid] for name in ("base", "axis", "length", "radii"))
         yield _Pairs(solid, pixel, base, axis, length, radii, origins[pixel], unit[pixel])
         found, count = [], 0

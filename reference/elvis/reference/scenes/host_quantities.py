@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints, every_pair
 from elvis.core.base.errors import ElvisError
 from elvis.core.data.dataset import Expansion
 from elvis.core.mapping.boxes import Boxes
@@ -105,7 +105,7 @@ class HostQuantities(Quantities):
 
     def _at_corners(self, name: str) -> Corners:
         def corners(patch: Patch, rows: Ints, points: Floats) -> Floats:
-            every = self.values(name, patch, np.repeat(rows, len(points)), np.tile(points, (len(rows), 1)))
+            every = self.values(name, patch, *every_pair(rows, points))
             return every.reshape(len(rows), len(points))
 
         return corners

@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints, joined_columns
 from elvis.core.data.dataset import Dataset
 from elvis.core.mapping.boxes import Boxes
 from elvis.core.mapping.pointwise import positions
@@ -48,7 +48,7 @@ class Curves:
             rows, points = np.repeat(np.arange(len(patch)), count), np.tile(np.linspace(-1.0, 1.0, count), len(patch))
             value = self.evaluator.values(self.expression, patch, rows, points[:, None])
             found.append((patch.element_ids[rows], points, positions(patch, rows, points[:, None]), value))
-        self.element, self.reference, self.place, self.value = (np.concatenate(c) for c in zip(*found, strict=True))
+        self.element, self.reference, self.place, self.value = joined_columns(found)
         self.count = count
         if self.is_plot:
             self.place[:, 1] = self.scale * (np.nan_to_num(self.value) - self.base)

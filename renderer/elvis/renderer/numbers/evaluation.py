@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints, every_pair
 from elvis.core.base.errors import ElvisError
 from elvis.core.base.ranks import ALONE, Ranks, is_idle
 from elvis.core.base.rounded_up import rounded_up
@@ -298,7 +298,7 @@ def _sampled(number: int, texts: Sequence[str], volume: Volume, device: Renderer
     lattice = _rule(part, modes).points
     for rows in chunks(len(part), max(1, _BATCH // len(lattice))):
         some = np.arange(rows.start, rows.stop)
-        elements, points = np.repeat(some, len(lattice)), np.tile(lattice, (len(some), 1))
+        elements, points = every_pair(some, lattice)
         yield _inside(number, elements, points, texts, volume, device)
 
 

@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints, rows_of
+from elvis.core.base.arrays import Bools, Floats, Ints, joined_ints, rows_of
 from elvis.core.base.errors import ElvisError
 from elvis.core.bounds.bounding import deciding_elements
 from elvis.core.data.dataset import Dataset
@@ -176,7 +176,7 @@ class Relevance:
     def _ids_of(self, masks: Sequence[Bools]) -> Ints:
         """(n,) ids of elements in masks of the volume's parts."""
         own = [part.element_ids[mask] for part, mask in zip(self._volume.parts, masks, strict=True)]
-        return np.concatenate([np.empty(0, np.int64), *own])
+        return joined_ints(own)
 
     def _first_ones(self) -> Iterator[Ints]:
         """The first element of each kind: kinds make the parts of a volume, and their order."""
@@ -248,7 +248,7 @@ class Relevance:
         mask = np.zeros(len(part), bool)
         every = [some.start + self._ends_of(part.boxes[some]) for some in chunks(len(part), _AT_ONCE)]
         # the ends of all are among the ends of groups
-        rows = np.concatenate([np.empty(0, np.int64), *every])
+        rows = joined_ints(every)
         mask[rows[self._ends_of(part.boxes[rows])]] = True
         return mask
 

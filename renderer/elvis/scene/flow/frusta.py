@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, joined_columns
 from elvis.core.base.errors import ElvisError
 from elvis.core.data.arguments import texts_of
 from elvis.core.streamlines.anchors import anchors
@@ -95,7 +95,7 @@ def _made(data: FlowSource, item: Glyphs) -> Frusta:
     parts = _parts(item, whole)
     axes = np.tile(axis, (len(parts), 1))
     points, reference = (np.tile(own, (len(parts), 1)) for own in (found.points, found.reference))
-    starts, lengths, radii = (np.concatenate(own) for own in zip(*parts, strict=True))
+    starts, lengths, radii = joined_columns(parts)
     return Frusta(
         points + starts[:, None] * axes,
         axes,

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints, grid_points, joined_columns
 from elvis.core.base.rows import Rows
 from elvis.core.integrals.graph_orders import are_upright, greatest, orders, shares_of_ends, shifts, turned
 from elvis.core.integrals.graphs import Graph, below_graph, on_graph
@@ -296,7 +296,7 @@ class LevelBoxes(Rows):
             is_whole = self.is_whole
             inner = [self._below_graphs(np.flatnonzero(~is_whole & ~self.is_lost), counts)]
             inner.append(self._inside(np.flatnonzero(is_whole & ~self.is_lost), counts))
-            box, places, shares = (np.concatenate(columns) for columns in zip(*inner, strict=True))
+            box, places, shares = joined_columns(inner)
             return ElementPoints(self.patch, self.rows[box], places), shares, box
         box, places, shares, normals = self._on_graphs(np.flatnonzero(~self.is_lost), counts)
         return ElementPoints(self.patch, self.rows[box], places, normals), shares, box
@@ -304,7 +304,7 @@ class LevelBoxes(Rows):
     def _inside(self, whole: Ints, counts: tuple[int, ...]) -> tuple[Ints, Floats, Floats]:
         """Box, reference point and share of points of boxes (m,) that are whole below the surface."""
         rules = [(np.zeros(1), np.full(1, 2.0))] * (3 - len(counts)) + [gauss(count) for count in counts]
-        nodes = np.stack(np.meshgrid(*[own for own, _ in rules], indexing="ij"), axis=-1).reshape(-1, 3)
+        nodes = grid_points(*[own for own, _ in rules])
         weights = np.stack(np.meshgrid(*[own for _, own in rules], indexing="ij")).prod(axis=0).reshape(-1) / 8
         box = np.repeat(whole, len(nodes))
         reference, stretch = self._stretched(box, np.tile((1 + nodes) / 2, (len(whole), 1)))

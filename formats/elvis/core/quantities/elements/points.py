@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, every_pair
 from elvis.core.base.errors import ElvisError
 from elvis.core.data.dataset import Expansion
 from elvis.core.mapping import pointwise, tangents
@@ -131,7 +131,7 @@ class Lattice(ElementPoints):
     """The points (q, D) repeated in each of some elements (e,), one after the other: they share tables of modes."""
 
     def __init__(self, patch: Patch, elements: Ints, lattice: Floats) -> None:
-        super().__init__(patch, np.repeat(elements, len(lattice)), np.tile(lattice, (len(elements), 1)))
+        super().__init__(patch, *every_pair(elements, lattice))
         self._elements, self._lattice = elements, lattice
 
     @cached_property

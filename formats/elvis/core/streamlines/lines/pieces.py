@@ -13,7 +13,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, rows_by_number
 from elvis.core.base.errors import ElvisError
 from elvis.core.base.rows import Rows
 from elvis.core.polynomials.boxnets import power_net
@@ -209,10 +209,9 @@ def _curved(steps: Sequence[Piece], first: int, sign: int, velocity: Velocity, m
     nets = nets + np.linspace(0.0, 1.0, DEGREE + 1)[None, :, None] * apart
     times = sign * np.stack([joined["time"], joined["time"] + joined["lasts"]], axis=1)
     found = []
-    for number in np.unique(joined["patch"]):
-        here = np.flatnonzero(joined["patch"] == number)
+    for number, here in rows_by_number(joined["patch"]):
         own = Steps(joined["row"][here], first + joined["line"][here], nets[here], times[here])
-        found.append(in_patch(velocity, int(number), own, most))
+        found.append(in_patch(velocity, number, own, most))
     return Pieces.joined(found)
 
 

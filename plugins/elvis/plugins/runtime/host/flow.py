@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints, rows_by_number
 from elvis.core.base.errors import ElvisError
 from elvis.core.distances.boundaries import ALL
 from elvis.core.mapping.boxes import BoxTree
@@ -135,8 +135,7 @@ class HostVelocity(Velocity):
     def positions(self, patch: Ints, row: Ints, points: Floats) -> Floats:
         """(n, 3) world coordinates."""
         found = np.empty((len(points), 3))
-        for number in np.unique(patch):
-            here = np.flatnonzero(patch == number)
+        for number, here in rows_by_number(patch):
             found[here] = self._host(number).evaluate(row[here], points[here])[0]
         return found
 
@@ -155,8 +154,7 @@ class HostVelocity(Velocity):
     def values(self, expression: Expression, patch: Ints, row: Ints, points: Floats) -> Floats:
         """(n,) values of an expression."""
         found = np.empty(len(points))
-        for number in np.unique(patch):
-            here = np.flatnonzero(patch == number)
+        for number, here in rows_by_number(patch):
             found[here] = evaluate_expression(expression, self._hosts[number], row[here], points[here])
         return found
 
@@ -202,9 +200,8 @@ class HostLocator(Locator):
         """Roots for all pairs, none of which was in doubt."""
         patch = np.searchsorted(self._starts, element, side="right") - 1
         roots = Roots.none(len(point), self._dimension)
-        for number in np.unique(patch):
-            here = np.flatnonzero(patch == number)
-            roots.put(here, self.invert(int(number), element[here] - self._starts[number], world[point[here]]))
+        for number, here in rows_by_number(patch):
+            roots.put(here, self.invert(number, element[here] - self._starts[number], world[point[here]]))
         return roots, np.zeros(len(point), bool)
 
 

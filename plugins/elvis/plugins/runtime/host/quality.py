@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats
+from elvis.core.base.arrays import Floats, every_pair
 from elvis.core.base.errors import ElvisError
 from elvis.core.mapping.orientation import chunks
 from elvis.core.mapping.projections import rule
@@ -49,7 +49,7 @@ def _parts(host: HostEvaluation) -> Iterator[dict[str, Floats]]:
     points, weights = rule(host.shape, _POINTS_EACH_WAY)
     for some in chunks(len(host), max(1, _BATCH // len(points))):
         rows = np.arange(some.start, some.stop)
-        every_row, every_point = np.repeat(rows, len(points)), np.tile(points, (len(rows), 1))
+        every_row, every_point = every_pair(rows, points)
         jacobians = host.derivatives(every_row, every_point)[0][:, :d]
         determinants = np.linalg.det(jacobians).reshape(len(rows), -1)
         yield {

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.base.arrays import Bools, Ints, Records
+from elvis.core.base.arrays import Bools, Ints, Records, joined_ints
 from elvis.renderer.device.device import Kernel
 from elvis.renderer.device.memory import Buffer
 from elvis.renderer.frame.copied import Copy, is_in_view, surrounding_copies
@@ -280,7 +280,7 @@ class _March:
 
     def bands(self) -> Iterator[_Band]:
         """Groups of tiles whose lists have room together."""
-        places = np.unique(np.concatenate([np.empty(0, np.int64), *(some.places for some in self.parts)]))
+        places = np.unique(joined_ints(some.places for some in self.parts))
         if not len(places):
             return
         rows = np.zeros((len(self.quantities), len(places)), np.int64)

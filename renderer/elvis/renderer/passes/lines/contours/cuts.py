@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.base.arrays import Bools, Floats, Ints, every_pair, frozen_floats
 from elvis.core.base.bounded_cache import bounded_cache
 from elvis.core.mapping.orientation import chunks
 from elvis.core.mapping.tangents import duals
@@ -64,7 +64,7 @@ class CutChart:
         for some in chunks(len(elements), ELEMENTS):
             own = elements[some]
             count = len(own)
-            samples = self.sample(np.repeat(own, len(nodes)), np.tile(nodes, (count, 1)))
+            samples = self.sample(*every_pair(own, nodes))
             middle = self.sample(own, np.tile(self.center, (count, 1)))
 
             # Bernstein nets of the field, and of the map less its value at the centre

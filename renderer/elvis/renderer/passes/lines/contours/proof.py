@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.base.arrays import Bools, Floats
+from elvis.core.base.arrays import Bools, Floats, rows_by_number
 from elvis.core.mapping.orientation import chunks
 from elvis.core.polynomials.bernstein import BernsteinSpace
 from elvis.core.shapes import Shape
@@ -142,8 +142,7 @@ class ContourProof:
         """Statuses of the pixels of some items; (n,) whether each square lies in its element all over."""
         is_alone = np.zeros(len(items.pixel), bool)
         number = np.searchsorted(self._loaded.first, items.element, side="right") - 1
-        for part in np.unique(number).tolist():
-            rows = np.flatnonzero(number == part)
+        for part, rows in rows_by_number(number):
             if not self._is_known(part):
                 holds = self._holds[items.element[rows]]
                 self.status[items.pixel[rows[holds]]] = Status.AMBIGUOUS

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints, frozen_floats
+from elvis.core.base.arrays import Bools, Floats, Ints, every_pair, frozen_floats
 from elvis.core.base.bounded_cache import bounded_cache
 from elvis.core.mapping.orientation import chunks
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_values
@@ -50,7 +50,7 @@ class PyramidChart(CutChart):
         for some in chunks(len(elements), ELEMENTS):
             own = elements[some]
             count = len(own)
-            samples = self.sample(np.repeat(own, len(nodes)), np.tile(nodes, (count, 1)))
+            samples = self.sample(*every_pair(own, nodes))
             middle = self.sample(own, np.tile(self.center, (count, 1)))
             inverse = np.linalg.inv(regular(middle.jacobian))
 
