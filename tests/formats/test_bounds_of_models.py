@@ -199,7 +199,7 @@ def test_values_lie_within_bounds_and_some_near_their_ends(claim):
 
 def test_all_roundings_of_sums_and_products_of_nets_are_counted(monkeypatch):
     """All coefficients of one size, each product and sum rounded away from zero."""
-    monkeypatch.setattr(expression_nets, "_EPS", COARSE)
+    monkeypatch.setattr(expression_nets, "EPS", COARSE)
     one, two = Rounded(np.ones((1, 3, 2)), np.zeros(1)), Rounded(np.ones((1, 2, 2)), np.zeros(1))
     # raised by means of as many terms as there are in each direction; a sum of as many products as coefficients
     for found, count in ((one + two, 2), ((one * two), 6)):

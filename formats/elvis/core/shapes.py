@@ -15,6 +15,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
+import numpy as np
+
 from elvis.core.base.arrays import Floats, frozen_floats
 
 
@@ -107,6 +109,11 @@ class Shape(Enum):
     def vertices(self) -> Floats:
         """(n_vertices, dimension) reference coordinates, each -1 or 1."""
         return self.value.vertices
+
+    @property
+    def centre(self) -> Floats:
+        """(dimension,) the mean of the vertices."""
+        return np.asarray(self.vertices.mean(axis=0))
 
     @property
     def edges(self) -> tuple[tuple[int, int], ...]:

@@ -17,7 +17,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.base.arrays import Bools, Floats, Ints, every_pair, frozen_floats
+from elvis.core.base.arrays import EPS, Bools, Floats, Ints, every_pair, frozen_floats
 from elvis.core.mapping.inverse import Status
 from elvis.core.mapping.margins import TOLERANCE, drawn_in, margins
 from elvis.core.mapping.patch import Patch
@@ -29,7 +29,6 @@ from elvis.core.shapes import Shape
 from elvis.reference.chebyshev import bounds_of, lattice, lattice_lines, map_degrees
 from elvis.scene.model.time_limit import check_time
 
-_EPSILON = float(np.finfo(np.float64).eps)
 #: residual of a root, relative to the element's size, and roundings of coordinates that add to it
 _RESIDUAL, _ROUNDINGS = 2.5e-14, 16
 #: places along each collapsed coordinate that Newton's method may start from
@@ -67,7 +66,7 @@ class Inverter:
 
     def precision(self, rows: Ints) -> Floats:
         """(n,) world distance within which a point counts as a root's image."""
-        return np.asarray(np.maximum(_RESIDUAL * self.sizes[rows], _ROUNDINGS * _EPSILON * self.magnitudes[rows]))
+        return np.asarray(np.maximum(_RESIDUAL * self.sizes[rows], _ROUNDINGS * EPS * self.magnitudes[rows]))
 
     def map_points(self, rows: Ints, points: Floats) -> tuple[Floats, Floats]:
         """World coordinates (n, 3) and their derivatives (n, 3, d) at reference points (n, d)."""
@@ -189,7 +188,7 @@ class Inverter:
         _, jacobians = self.map_points(rows, places)
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             lengths = np.linalg.norm(duals(jacobians), axis=1).sum(axis=1)
-            blur = 0.5 * _ROUNDINGS * _EPSILON * self.magnitudes[rows] * lengths
+            blur = 0.5 * _ROUNDINGS * EPS * self.magnitudes[rows] * lengths
         return np.asarray(np.where(np.isfinite(blur), np.minimum(blur, _SLACK), 0.0))
 
 
@@ -237,7 +236,7 @@ class _Bounds:
         low, high = bounds_of(rest, divisor)
         low += straight[:, :, len(unit) :].min(axis=2)
         high += straight[:, :, len(unit) :].max(axis=2)
-        rounding = _ROUNDINGS * _EPSILON * np.abs(ways).sum(axis=1)
+        rounding = _ROUNDINGS * EPS * np.abs(ways).sum(axis=1)
         rounding *= (np.abs(origin) + np.abs(world).max(axis=1)).max(axis=1, keepdims=True)
         self._origin[part], self._ways[part] = origin, ways
         self._low[part], self._high[part] = low - rounding, high + rounding

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from elvis.converters.mfem.hanging import hanging_sides
-from elvis.core.base.arrays import Floats, Ints, joined_ints
+from elvis.core.base.arrays import Floats, Ints, joined_ints, starts_of
 from elvis.core.base.errors import FormatError
 
 #: the library's codes: vector functions, functions divided by the Jacobian, continuous spaces
@@ -112,7 +112,7 @@ class _Mesh:
             "corners": self._table,
             "faces": {
                 "attributes": np.array([mesh.GetBdrAttribute(i) for i in range(mesh.GetNBE())], np.int64),
-                "offsets": np.cumsum([0, *map(len, faces)]),
+                "offsets": starts_of(faces),
                 "vertices": joined_ints(faces),
             },
             "hanging": hanging_sides(self._mfem, mesh) if mesh.Nonconforming() else None,

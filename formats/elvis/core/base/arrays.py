@@ -5,7 +5,7 @@ Axis convention, everywhere: points are ``(n, d)``, values ``(n,)``, modes ``(n,
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence, Sized
 from itertools import pairwise
 from typing import Any, TypeAlias, TypeVar
 
@@ -17,6 +17,8 @@ Ints: TypeAlias = NDArray[np.int64]
 Bools: TypeAlias = NDArray[np.bool_]
 #: structured arrays: NumPy's types say nothing of their columns, over which a type checker puzzles for seconds a line
 Records: TypeAlias = Any
+#: distance of 1 from the next number
+EPS = float(np.finfo(np.float64).eps)
 #: type of the numbers of arrays
 Number = TypeVar("Number", bound=np.generic)
 
@@ -78,6 +80,11 @@ def joined_ints(parts: Iterable[NDArray[Any]]) -> Ints:
 def joined_floats(parts: Iterable[NDArray[Any]]) -> Floats:
     """Numbers of arrays (n,) one after another, of which there may be none."""
     return np.concatenate([np.empty(0), *parts])
+
+
+def starts_of(parts: Iterable[Sized]) -> Ints:
+    """(n + 1,) where each of n parts starts if they stand one after another, and where the last one ends."""
+    return np.cumsum([0, *map(len, parts)])
 
 
 def joined_columns(rows: Iterable[Sequence[NDArray[Any]]]) -> tuple[NDArray[Any], ...]:

@@ -275,7 +275,7 @@ def _searches(own: _Quantity) -> tuple[_Search, _Search]:
     """Searches for the smallest and the largest value that have seen all elements, batch by batch."""
     searches = _Search(own, -1), _Search(own, 1)
     for number, patch in enumerate(own.held):
-        corners = np.vstack([patch.shape.vertices, patch.shape.vertices.mean(axis=0)])
+        corners = np.vstack([patch.shape.vertices, patch.shape.centre])
         for part in chunks(len(patch), _ELEMENTS):
             rows = np.arange(len(patch))[part]
             places = Lattice(patch, rows, corners)

@@ -115,7 +115,7 @@ def point_with_value(held: Sequence[Patch], value: float) -> Point | None:
     """A point where the first field of patches has a value: in the element with the smallest id that surely does."""
     found: list[tuple[int, Patch, int, Floats]] = []
     for patch in held:
-        corners = np.vstack([patch.shape.vertices, patch.shape.vertices.mean(axis=0)])
+        corners = np.vstack([patch.shape.vertices, patch.shape.centre])
         for part in chunks(len(patch), _ELEMENTS):
             rows = np.arange(len(patch))[part]
             points = np.tile(corners, (len(rows), 1))

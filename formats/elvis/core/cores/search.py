@@ -125,7 +125,7 @@ class CoreSearch:
         for local in (heights(shape, shape.vertices) == 0).T:
             own = shape.vertices[local]
             places = random.dirichlet(np.ones(len(own)), 2 * (self._own + 1) ** 2) @ own
-            inside = (places + shape.vertices.mean(axis=0)) / 2
+            inside = (places + shape.centre) / 2
             motions = self.parallel.at(Lattice(self.patch, rows, np.concatenate([places, inside])))
             tables.append(np.linalg.norm(motions.above, axis=1).reshape(len(rows), 2, len(places)).max(axis=2))
         speeds = np.stack(tables, axis=1)

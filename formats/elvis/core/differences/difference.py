@@ -15,7 +15,7 @@ from typing import Any, overload
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats
+from elvis.core.base.arrays import EPS, Floats
 from elvis.core.base.errors import ElvisError
 from elvis.core.base.hints import perhaps
 from elvis.core.base.rounded_up import rounded_up
@@ -47,9 +47,8 @@ ERROR, _POINTS, _MOST = 1e-3, 20_000, 1 << 17
 _WIDE = 1.001
 #: relative difference up to which no remark is made
 _ROUNDED = 1e-11
-_EPS = float(np.finfo(np.float64).eps)
 #: rounding of a value, relative to its terms
-_ROUNDING = 16 * _EPS
+_ROUNDING = 16 * EPS
 
 
 @dataclass(frozen=True)
@@ -339,7 +338,7 @@ class _Compared:
     def _share(self, root: Node, of: Node) -> float:
         """Size of an expression relative to another, at some points: from rounding to 1."""
         value, size = (self._largest(node) for node in (root, of))
-        return float(np.clip(value / size if size > 0 else 1.0, _EPS, 1.0))
+        return float(np.clip(value / size if size > 0 else 1.0, EPS, 1.0))
 
     def _largest(self, root: Node) -> float:
         """The largest finite magnitude of an expression at some points."""

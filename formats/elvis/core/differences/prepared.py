@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats
+from elvis.core.base.arrays import EPS, Bools, Floats
 from elvis.core.mapping.boxes import BoxTree, element_boxes
 from elvis.core.mapping.patch import Patch
 from elvis.core.polynomials.bernstein import BernsteinSpace, bernstein_coefficients, bernstein_space, differentiate
@@ -20,7 +20,7 @@ from elvis.core.polynomials.rounding import box_roundings, coefficient_rounding,
 from elvis.core.shapes import Shape
 
 #: maximum relative deviation of a map from an affine one; the deviation counts as an error of the inverse map
-_NEARLY = 64 * float(np.finfo(np.float64).eps)
+_NEARLY = 64 * EPS
 
 
 @dataclass(frozen=True, eq=False)

@@ -241,7 +241,7 @@ def _inward(expansion: Expansion, maps: Floats, local: tuple[int, ...], space: i
         return np.zeros(len(maps), np.int64)
     along, across = corners[1] - corners[0], corners[-1] - corners[0]
     normal = np.cross(along, across) if dimension == 3 else np.array([along[1], -along[0]])
-    side = np.sign(normal @ (expansion.shape.vertices.mean(axis=0) - corners[0]))
+    side = np.sign(normal @ (expansion.shape.centre - corners[0]))
 
     middle = corners.mean(axis=0, keepdims=True)
     gradients = values_and_gradients(expansion, middle)[1][0]

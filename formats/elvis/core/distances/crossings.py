@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import EPS, Bools, Floats, Ints
 from elvis.core.base.needing import require_module
 from elvis.core.mapping.boxes import BoxTree, outward
 
 #: parts of the largest coordinate within which sides of neighbours are the same
 EQUAL = 1e-12
 #: and within which points lie on a triangle
-_ON = 16 * np.finfo(np.float64).eps
+_ON = 16 * EPS
 #: directions that are tried
 _WAYS = 24
 

@@ -13,7 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints, joined_ints
+from elvis.core.base.arrays import Bools, Floats, Ints, joined_ints, starts_of
 from elvis.core.base.needing import require_module
 from elvis.core.base.rows import Rows
 from elvis.core.distances.parts import Model, Parts, dot, linear_distance
@@ -117,7 +117,7 @@ class _Search:
         self.patch = np.full(len(points), -1)
         self.coordinates = np.full((len(points), 2), np.nan)
         self.equal = EQUAL * surface.scale
-        self._first_patch = np.cumsum([0, *map(len, surface.groups)])
+        self._first_patch = starts_of(surface.groups)
         self._found: list[_Places] = []
 
         # a near patch for each point first: it rules out most others

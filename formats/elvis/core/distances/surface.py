@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.base.arrays import Floats, Ints, frozen_floats, frozen_ints, starts_of
 from elvis.core.base.ranks import ALONE, Ranks
 from elvis.core.data.dataset import Dataset
 from elvis.core.distances.boundaries import ALL, Faces, boundaries, faces_of
@@ -61,7 +61,7 @@ class Surface:
         """The face (n,) of patches (n,), and its unit normal (n, 3) at coordinates (n, 2); zero for edges in space."""
         face = np.zeros(len(patch), np.int64)
         normals = np.zeros((len(patch), 3))
-        first = np.cumsum([0, *map(len, self.groups)])
+        first = starts_of(self.groups)
         for number, group in enumerate(self.groups):
             here = np.flatnonzero((patch >= first[number]) & (patch < first[number + 1]))
             rows = patch[here] - first[number]

@@ -12,7 +12,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats
+from elvis.core.base.arrays import EPS, Floats
 from elvis.core.integrals.curves import Curve
 from elvis.core.mapping.inverse import Status
 from elvis.core.mapping.locate import Locator
@@ -25,7 +25,7 @@ from elvis.core.quantities.expression import Expression
 #: Gauss points of the rules that are compared, and halvings of intervals
 _COUNTS, _DEPTH = (7, 8, 10), 40
 #: factor from differences of rules to the error, and rounding relative to the sum of magnitudes
-_SAFETY, _ROUNDING = 8.0, 64 * float(np.finfo(np.float64).eps)
+_SAFETY, _ROUNDING = 8.0, 64 * EPS
 
 
 #: values (n, k) at parameters (n,), NaN if there are none

@@ -134,7 +134,7 @@ def _zero_sides(
     shape = patch.shape
     corners = values(patch, np.arange(len(patch)), shape.vertices)
     is_small = ~(np.abs(corners) > far)
-    middle = shape.vertices.mean(axis=0)
+    middle = shape.centre
     for own in side_numbers(shape):
         rows = np.flatnonzero(is_small[:, list(side_corners(shape, own))].all(axis=1))
         if not len(rows):

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import EPS, Bools, Floats, Ints
 from elvis.core.base.rows import Rows
 from elvis.core.integrals.cut_expansions import Expansion
 from elvis.core.integrals.graphs import between, roots
@@ -37,7 +37,7 @@ MOVED = 2
 _SHIFT, _LEAST_HEIGHT, _GREATEST_HEIGHT = 0.1, 0.1, 1.0
 _SMALL_SHIFT = 1e-4
 #: rounding of a place in a box
-_ROUNDING = 64 * float(np.finfo(np.float64).eps)
+_ROUNDING = 64 * EPS
 #: kind of an end of a part in direction j: a face of the box, or the root on one of the faces across k
 _FIXED, _BELOW, _ABOVE = -1, 0, 1
 

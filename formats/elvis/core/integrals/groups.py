@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints, joined_columns
+from elvis.core.base.arrays import EPS, Bools, Floats, Ints, joined_columns
 from elvis.core.integrals.analytic_error import FURTHER, Bounds
 from elvis.core.integrals.degrees import DegreeRules
 from elvis.core.integrals.eta_boxes import EtaBoxes
@@ -31,7 +31,7 @@ _NEW_LEVEL_BOX = 512
 CALL, CALL_ON_LEVELS = 4096, 1500
 #: rounding of values away from the middles of elements, relative to the integral of the absolute value: x^n has that of
 #: n factors
-_ROUNDING = 32 * float(np.finfo(np.float64).eps)
+_ROUNDING = 32 * EPS
 #: the largest score of a box; sums of such scores stay finite
 _HOPELESS = 1e200
 

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints, frozen_floats, grid_points
+from elvis.core.base.arrays import EPS, Bools, Floats, Ints, frozen_floats, grid_points
 from elvis.core.base.bounded_cache import bounded_cache
 from elvis.core.data.dataset import Dataset, Expansion
 from elvis.core.mapping import tangents
@@ -29,7 +29,6 @@ from elvis.core.quantities.elements.points import Lattice
 from elvis.core.shapes import Shape
 from elvis.core.validity.validity import are_never_negative
 
-_EPS = float(np.finfo(np.float64).eps)
 #: rounding of the terms of a map's derivatives, in units of the last place
 _ROUNDING = 64
 #: points at which the derivatives of maps are compared first
@@ -132,7 +131,7 @@ class Piece:
         shortest = np.linalg.norm(self.along(jacobians), axis=1).min(axis=1)
         size = np.abs(self.patch.geometry_coefficients[self.rows]).max(axis=(1, 2))
         # a side that is collapsed to a point or a line is nothing but rounding
-        return np.asarray(size / np.maximum(shortest, np.maximum(_EPS * size, _SMALLEST)))
+        return np.asarray(size / np.maximum(shortest, np.maximum(EPS * size, _SMALLEST)))
 
     @cached_property
     def is_affine(self) -> Bools:
@@ -166,7 +165,7 @@ class Piece:
             units = directions / np.linalg.norm(directions, axis=1, keepdims=True)
         spread = np.ptp(units.reshape(len(self), len(points), 3), axis=1).max(axis=1)
         conditions = self.conditions(jacobians[:: len(points)])
-        return np.asarray(spread <= _ROUNDING * _EPS * np.maximum(1.0, conditions))
+        return np.asarray(spread <= _ROUNDING * EPS * np.maximum(1.0, conditions))
 
     def is_valid(self, dataset: Dataset) -> Bools:
         """(n,) whether the Jacobian is proved to be its own absolute value all over the element."""
@@ -182,7 +181,7 @@ def _has_constant_slopes(geometry: Expansion, coefficients: Floats, points: Floa
     """(n,) whether maps with coefficients (n, 3, m) have the same derivatives at all points (q, d), to rounding."""
     jacobians = evaluate_with_gradients(geometry, coefficients, points)[1]
     spread = np.ptp(jacobians, axis=2).max(axis=(1, 2))
-    return np.asarray(spread <= _ROUNDING * _EPS * np.abs(coefficients).max(axis=(1, 2)))
+    return np.asarray(spread <= _ROUNDING * EPS * np.abs(coefficients).max(axis=(1, 2)))
 
 
 def whole_elements(patches: tuple[Patch, ...]) -> Iterator[Piece]:

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import EPS, Bools, Floats, Ints
 from elvis.core.base.terminal import Progress
 from elvis.core.base.threads import results
 from elvis.core.data.dataset import Dataset
@@ -68,9 +68,8 @@ _RAISED = 3
 _SAFETY = 8.0
 #: estimated error on boxes without bounds, relative to the integral of the absolute value there
 _UNBOUNDED = 8.0
-_EPS = float(np.finfo(np.float64).eps)
 #: rounding of a sum, relative to its magnitude, and of measures per unit of a map's condition
-_ROUNDING, _LENGTHS = 8 * _EPS, _EPS
+_ROUNDING, _LENGTHS = 8 * EPS, EPS
 #: factor for the larger rounding of values of another dataset, whose places are roots
 _LOCATED = 16.0
 #: points each way on a box of a surface

@@ -6,13 +6,13 @@ from math import factorial
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, frozen_floats
+from elvis.core.base.arrays import EPS, Floats, frozen_floats
 from elvis.core.base.bounded_cache import bounded_cache
 from elvis.core.polynomials.bernstein import line_tables
 from elvis.core.quantities.discs import Disc
 
 #: rounding of values on discs, relative to the sum of the magnitudes of all terms
-ROUNDING = 64 * float(np.finfo(np.float64).eps)
+ROUNDING = 64 * EPS
 #: powers of s and t in the terms of a curved surface, in the order of its coefficients
 BENDS = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
 #: the highest power of each

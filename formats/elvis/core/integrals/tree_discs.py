@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import EPS, Floats, Ints
 from elvis.core.integrals.eta_boxes import to_legendre
 from elvis.core.integrals.reference_cells import box_rule
 from elvis.core.polynomials.jacobi import jacobi
@@ -32,7 +32,7 @@ from elvis.core.quantities.intervals import Interval
 from elvis.core.quantities.tree import LEAVES, Node, fold, ordered, whole_exponent
 
 #: relative rounding of values of leaves, and of results from them
-ROUNDING = 64 * float(np.finfo(np.float64).eps)
+ROUNDING = 64 * EPS
 #: value on a face, relative to the largest in the box, below which a polynomial is divided by a factor
 _SMALL = 2.0**-40
 #: the power of a factor in zero

@@ -8,7 +8,16 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints, frozen_floats, frozen_ints, narrow_ints, rows_by_number
+from elvis.core.base.arrays import (
+    Bools,
+    Floats,
+    Ints,
+    frozen_floats,
+    frozen_ints,
+    narrow_ints,
+    rows_by_number,
+    starts_of,
+)
 from elvis.core.data.dataset import Dataset, Expansion
 from elvis.core.distances.boundaries import side_coefficients, side_degree, sides_of
 from elvis.core.distances.surface_patches import CORNERS, WHOLE, SurfacePatches
@@ -133,7 +142,7 @@ class SideSet:
     def __init__(self, groups: Sequence[SideGroup], entities: Sequence[Ints]) -> None:
         """Groups, and rows of their sides in the mesh."""
         self.groups = tuple(groups)
-        self._starts = np.cumsum([0, *map(len, groups)])
+        self._starts = starts_of(groups)
         self.entity = np.concatenate([np.empty(0, np.int32), *entities])
         self.element = np.concatenate([np.empty(0, np.int32), *map(_elements, groups)])
         self.degree = max((group.degree for group in groups), default=1)

@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import EPS, Bools, Floats, Ints
 from elvis.core.mapping.orientation import chunks
 from elvis.core.mapping.patch import Patch
 from elvis.core.polynomials.bernstein import bernstein_coefficients, bernstein_space
@@ -78,7 +78,7 @@ def outward(low: Floats, high: Floats, margin: float) -> Boxes:
     """
     with np.errstate(over="ignore", invalid="ignore"):
         greatest = np.maximum(np.abs(low), np.abs(high)).max(axis=1, keepdims=True)
-        rounding = ROUNDINGS * np.finfo(np.float64).eps * greatest
+        rounding = ROUNDINGS * EPS * greatest
         extra = margin * np.sqrt(3) * (high - low).max(axis=1, keepdims=True) + rounding
         inner = np.concatenate([low - extra, high + extra], axis=1)
         box = inner.astype(np.float32)

@@ -183,7 +183,7 @@ class _Elements:
         self.low, self.high = net.min(axis=2) - extra, net.max(axis=2) + extra
 
         # the linear part of the map at the centre, and the net seen through it
-        self.centre = patch.shape.vertices.mean(axis=0)
+        self.centre = patch.shape.centre
         modes, gradients = values_and_gradients(patch.geometry, self.centre[None])
         self.image = coefficients @ modes[0]
         self.duals = duals(coefficients @ gradients[0].T)

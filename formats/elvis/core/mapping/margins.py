@@ -49,7 +49,7 @@ def margins(shape: Shape, points: Floats) -> Floats:
 
 def drawn_in(shape: Shape, points: Floats, slack: float) -> Floats:
     """(n, d) the points, those with a margin below -``slack`` moved towards the centre until theirs is."""
-    centre = shape.vertices.mean(axis=0)
+    centre = shape.centre
     inner = heights(shape, centre[None])
     with np.errstate(divide="ignore", invalid="ignore"):
         parts = (inner + slack) / (inner - heights(shape, points))

@@ -14,10 +14,12 @@ from typing import Any
 
 import numpy as np
 
+from elvis.core.base.arrays import EPS
+
 Disc = tuple[Any, Any]
 
 #: rounding of a middle and of a radius in one operation, relative to both: library functions are accurate to 4 units
-_ROUNDING = 16 * float(np.finfo(np.float64).eps)
+_ROUNDING = 16 * EPS
 
 
 def number(value: float) -> Disc:

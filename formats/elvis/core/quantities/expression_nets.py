@@ -8,7 +8,7 @@ from functools import reduce
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints, grid_points
+from elvis.core.base.arrays import EPS, Floats, Ints, grid_points
 from elvis.core.mapping.orientation import chunks
 from elvis.core.mapping.patch import Patch
 from elvis.core.polynomials.bernstein import bernstein_coefficients, bernstein_space, line_tables
@@ -23,7 +23,7 @@ from elvis.core.quantities.tree import Node, fold, whole_exponent
 #: values at once
 _BATCH = 1 << 20
 #: rounding of a number, and of nets of fields relative to their coefficients and to it
-_EPS, _BASIS = float(np.finfo(np.float64).eps), 32
+_BASIS = 32
 
 
 def degree_on(expression: Expression, evaluator: Evaluator, patch: Patch, is_affine: bool) -> int | None:
@@ -110,12 +110,12 @@ class Rounded:
 
     def __add__(self, other: Rounded) -> Rounded:
         nets = total(self.nets, other.nets)
-        return Rounded(nets, self.slack + other.slack + _EPS * sum(nets.shape[1:]) * (self.size + other.size))
+        return Rounded(nets, self.slack + other.slack + EPS * sum(nets.shape[1:]) * (self.size + other.size))
 
     def __mul__(self, other: Rounded) -> Rounded:
         # sums with one term per coefficient of the first factor, with weights that add up to 1
         terms = self.nets[0].size + sum(self.nets.shape[1:]) + sum(other.nets.shape[1:])
-        own = _EPS * terms * self.size * other.size
+        own = EPS * terms * self.size * other.size
         slack = own + self.size * other.slack + other.size * self.slack + self.slack * other.slack
         return Rounded(product(self.nets, other.nets), slack)
 
@@ -143,7 +143,7 @@ def rounded_nets(expression: Expression, evaluator: Evaluator, patch: Patch, row
         if field is not None and node.axes:
             return _through(Expression(expression.text, node), evaluator, patch, rows, max(box_degrees(space)))
         nets = box_nets(space, bernstein_coefficients(expansion, own))
-        return Rounded(nets, _BASIS * _EPS * np.abs(own).max(axis=1, initial=0.0))
+        return Rounded(nets, _BASIS * EPS * np.abs(own).max(axis=1, initial=0.0))
 
     def inner(node: Node, parts: list[Rounded]) -> Rounded:
         first, last = parts[0], parts[-1]
@@ -169,4 +169,4 @@ def _through(expression: Expression, evaluator: Evaluator, patch: Patch, rows: I
     found = Rounded(NetsOf(expression, evaluator, patch, places).on(rows, reference), np.zeros(len(rows)))
     inverse = np.linalg.inv(line_tables(degree, places)[0])
     growth = float(np.abs(inverse).sum(axis=1).max()) ** patch.shape.dimension
-    return Rounded(found.nets, _BASIS * _EPS * found.size * growth)
+    return Rounded(found.nets, _BASIS * EPS * found.size * growth)

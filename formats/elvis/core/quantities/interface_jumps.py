@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints, every_pair, rows_by_number
+from elvis.core.base.arrays import Floats, Ints, every_pair, rows_by_number, starts_of
 from elvis.core.data.dataset import Dataset
 from elvis.core.data.mesh import NON_CONFORMING
 from elvis.core.distances.boundaries import joined_sides, sides_of
@@ -34,7 +34,7 @@ def raise_across_interfaces(
     rows = joined_sides(dataset.mesh).get(NON_CONFORMING)
     if rows is None or not len(rows):
         return
-    starts = np.cumsum([0, *map(len, patches)])
+    starts = starts_of(patches)
     touching = [_touching(dataset, patch, rows) for patch in patches]
     locator = Locator([patch.part(own) for patch, own in zip(patches, touching, strict=True)])
     for number, (patch, own) in enumerate(zip(patches, touching, strict=True)):
@@ -81,5 +81,5 @@ def _beyond(locator: Locator, world: Floats) -> tuple[Ints, Ints, Floats]:
     values = np.empty(len(inside))
     for number, here in rows_by_number(patch):
         values[here] = pointwise.values(locator.patches[number], 0, row[here], found.reference[inside[here]])
-    starts = np.cumsum([0, *map(len, locator.patches)])
+    starts = starts_of(locator.patches)
     return found.point[inside], starts[patch] + row, values

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats
+from elvis.core.base.arrays import EPS, Floats
 
 Interval = tuple[Any, Any]
 ENTIRE: Interval = (-np.inf, np.inf)
 #: rounding of functions that are evaluated in many steps, relative to the size of their terms
-_ROUNDING = 64 * np.finfo(np.float64).eps
+_ROUNDING = 64 * EPS
 
 
 def largest_solution(size: Any, norm: Any) -> Any:

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints, joined_ints
+from elvis.core.base.arrays import Floats, Ints, joined_ints, starts_of
 from elvis.core.base.errors import ElvisError
 from elvis.core.data.dataset import Dataset
 from elvis.core.mapping.patch import Patch, patches
@@ -32,7 +32,7 @@ def jumps(dataset: Dataset, name: str, modes: int = 0) -> tuple[Ints, Floats]:
     if any(patch.homogeneous for patch in own):
         raise ElvisError(f"jump({name}): expected a field without Fourier directions")
     ids = joined_ints(patch.element_ids for patch in own)
-    starts = np.cumsum([0, *map(len, own)])
+    starts = starts_of(own)
     along = max([modes, *(max(patch.fields[0].modes) for patch in own if patch.fields[0])]) + 2
 
     # by the number of corners: sides, elements among all, values

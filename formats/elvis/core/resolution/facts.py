@@ -51,7 +51,7 @@ class _Centres:
         """The elements of the domain."""
         ids, places, jacobians = [], [], []
         for patch in patches(dataset):
-            centre = np.tile(patch.shape.vertices.mean(axis=0), (len(patch), 1))
+            centre = np.tile(patch.shape.centre, (len(patch), 1))
             world, own = pointwise.positions_and_jacobians(patch, np.arange(len(patch)), centre)
             ids.append(patch.element_ids)
             places.append(world)

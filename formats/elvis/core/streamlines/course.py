@@ -160,7 +160,7 @@ def _fastest(velocity: Velocity, location: Location) -> float:
     speeds = [velocity.motion(location.patch[inside], location.row[inside], location.reference[inside]).speed]
     for number, patch in enumerate(velocity.patches):
         middle = np.zeros(patch.dimension)
-        middle[: patch.shape.dimension] = patch.shape.vertices.mean(axis=0)
+        middle[: patch.shape.dimension] = patch.shape.centre
         rows = np.arange(len(patch))
         speeds.append(velocity.motion(np.full(len(rows), number), rows, np.tile(middle, (len(rows), 1))).speed)
     every = np.concatenate(speeds)

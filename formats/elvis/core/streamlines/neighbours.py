@@ -12,7 +12,7 @@ from functools import cache
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, starts_of
 from elvis.core.base.rows import Rows
 from elvis.core.data.dataset import Dataset
 from elvis.core.data.mesh import NON_CONFORMING
@@ -85,7 +85,7 @@ class Neighbours:
         boundary  by sides: numbers of their boundaries, -1 for none, or INTERFACE
         """
         self._patches, self.names, self._boundary = patches, names, boundary
-        self._starts = np.cumsum([0, *map(len, patches)])
+        self._starts = starts_of(patches)
         self._shape = np.concatenate([np.full(len(p), _SHAPES.index(p.shape)) for p in patches])
         self._vertices = np.full((len(self._shape), _VERTICES), -1)
         self._side = np.full((len(self._shape), _SIDES), -1)
@@ -137,7 +137,7 @@ class Neighbours:
         element = self._starts[patch] + row
         beyond = self._beyond[element, side]
         other, across = np.divmod(beyond, _SIDES)
-        number = np.searchsorted(self._starts, other, side="right") - 1
+        number = np.asarray(np.searchsorted(self._starts, other, side="right") - 1)
         reference = np.full(points.shape, np.nan)
         inner = np.flatnonzero(beyond >= 0)
         own = self._shape[element[inner]]

@@ -210,7 +210,7 @@ class _Reader:
         found = []
         for number, patch in enumerate(self.locator.patches):
             middle = np.zeros(patch.dimension)
-            middle[: patch.shape.dimension] = patch.shape.vertices.mean(axis=0)
+            middle[: patch.shape.dimension] = patch.shape.centre
             rows = np.arange(len(patch))
             middles = np.tile(middle, (len(patch), 1))
             found.append(self.places.positions(np.full(len(patch), number), rows, middles))

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints, joined_ints
+from elvis.core.base.arrays import Floats, Ints, joined_ints, starts_of
 from elvis.core.base.errors import ElvisError
 from elvis.core.base.rows import Rows
 from elvis.core.files.columns import Columns
@@ -190,7 +190,7 @@ class Along:
         """The values at points of lines along a velocity, with additional quantities."""
         patch, row, reference = points.patch, points.row, points.state[:, :-1]
         ids = joined_ints(own.element_ids for own in moving.patches)
-        starts = np.cumsum([0, *map(len, moving.patches)])
+        starts = starts_of(moving.patches)
         return Along(
             points.line,
             moving.positions(patch, row, reference),

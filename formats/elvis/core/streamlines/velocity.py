@@ -231,5 +231,5 @@ def _constant_gradients(patch: Patch) -> Floats | None:
     """(m, d) gradients of the map's modes where they are the same all over the elements: on straight simplices."""
     if patch.shape not in _SIMPLICES or max(patch.geometry.modes) > 2 or patch.periods:
         return None
-    centre = patch.shape.vertices.mean(axis=0)[None]
+    centre = patch.shape.centre[None]
     return np.ascontiguousarray(values_and_gradients(patch.geometry, centre)[1][0].T)

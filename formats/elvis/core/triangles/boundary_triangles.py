@@ -144,7 +144,7 @@ def _tiles(evaluator: Evaluator, piece: Piece, depth: int) -> Iterator[_Tile]:
     for cell in range(len(corners(piece.shape))):
         own = subcell_map(piece.shape, np.full(len(lattice), cell), lattice)[0]
         points = _points(piece, own).positions
-        inner = _points(piece, own + _INWARDS * (piece.shape.vertices.mean(axis=0) - own))
+        inner = _points(piece, own + _INWARDS * (piece.shape.centre - own))
         normals = outward(piece, inner.jacobians)
         places = ElementPoints(piece.patch, inner.rows, inner.points, normals)
         found = [np.broadcast_to(own, len(places)) for own in evaluator.values_at(evaluator.expressions, places)]

@@ -159,7 +159,7 @@ def _noise(evaluator: Evaluator, level: Expression) -> float:
     """
     largest = 0.0
     for patch in evaluator.patches:
-        vertices, middle = patch.shape.vertices, patch.shape.vertices.mean(axis=0)
+        vertices, middle = patch.shape.vertices, patch.shape.centre
         places = np.vstack([vertices, middle, middle + _BETWEEN * (vertices - middle)])
         for some in chunks(len(patch), max(1, _NUMBERS // len(places))):
             lattice = Lattice(patch, np.arange(some.start, some.stop), places)

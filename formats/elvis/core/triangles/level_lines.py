@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, starts_of
 from elvis.core.base.errors import ElvisError
 from elvis.core.data.dataset import Dataset
 from elvis.core.mapping.patch import check_not_homogeneous
@@ -47,7 +47,7 @@ class LevelLines:
         for rows, is_reversed, _ in chains(self.lines):
             ends = np.where(is_reversed[:, None], self.lines[rows][:, ::-1], self.lines[rows])
             along.append(np.concatenate([ends[:1, 0], ends[:, 1]]))
-        return np.concatenate(along), np.cumsum([0, *map(len, along)])
+        return np.concatenate(along), starts_of(along)
 
 
 def level_lines(

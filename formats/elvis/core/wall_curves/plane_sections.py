@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import EPS, Bools, Floats, Ints
 from elvis.core.distances.boundaries import side_coefficients
 from elvis.core.distances.surface_patches import CORNERS, SurfacePatches, divided
 from elvis.core.integrals.graphs import roots
@@ -22,7 +22,7 @@ from elvis.core.polynomials.boxnets import halves, nets_through
 from elvis.core.wall_curves.segments import Graphs, Parts, Straight, joined_straight
 
 #: bisections of sides, and tolerance for zero, relative to the largest coordinate
-_DEPTH, _ZERO = 14, 256 * float(np.finfo(np.float64).eps)
+_DEPTH, _ZERO = 14, 256 * EPS
 #: bisections of an edge on which zeros are isolated, and the minimum width of a graph, relative to a side
 _HALVINGS, _NARROW = 30, 1e-13
 

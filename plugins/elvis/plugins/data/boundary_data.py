@@ -148,7 +148,7 @@ class BoundarySource(Converter):
     def on_sides(self, block: Elements, points: Floats) -> ElementPoints:
         """The points with normals, off the edges, where several sides are as near, and off the tips of pyramids."""
         piece = self._pieces[block.key][1]
-        inner = points + _INWARDS * (piece.shape.vertices.mean(axis=0) - points)
+        inner = points + _INWARDS * (piece.shape.centre - points)
         places = self._elements(block, inner)
         return ElementPoints(piece.patch, places.rows, places.points, outward(piece, places.jacobians))
 

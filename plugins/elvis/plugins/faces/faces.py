@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints, concatenated
+from elvis.core.base.arrays import Bools, Floats, Ints, concatenated, starts_of
 from elvis.core.base.errors import ElvisError
 from elvis.core.base.hints import perhaps
 from elvis.plugins.faces.nets import FaceSpace
@@ -76,7 +76,7 @@ class Faces:
     @cached_property
     def neighbours(self) -> tuple[Ints, ...]:
         """For each block the index in the volume of the element beyond each face, -1 where it is outer."""
-        first = np.cumsum([0, *map(len, self.ids)])
+        first = starts_of(self.ids)
         entity = np.concatenate([block.entity for block in self.blocks])
         owner = np.concatenate([block.element + first[block.part] for block in self.blocks])
         order = np.argsort(entity, kind="stable")

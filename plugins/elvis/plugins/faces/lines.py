@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, starts_of
 from elvis.core.base.errors import ElvisError
 from elvis.core.data.dataset import Dataset
 from elvis.core.mapping.geometry import GeometryBlock, geometry
@@ -28,7 +28,7 @@ def line_faces(dataset: Dataset, volume: Volume) -> Faces:
     images = [_images(block, rows, lengths) for block, rows in blocks]
     degrees = [max(1, *bernstein_space(block.expansion).degrees) for block, _ in blocks]
     if len(lengths) == 1:
-        first = np.cumsum([0, *map(len, ids)])
+        first = starts_of(ids)
         found = (_walls(k, len(ids[k]), int(first[k]), degrees[k], images[k]) for k in range(len(ids)))
         return Faces(list(found), ids)
     corners = [

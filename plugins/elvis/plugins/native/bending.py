@@ -145,7 +145,7 @@ def derived(space: BernsteinSpace, nets: Floats, directions: tuple[int, ...], be
 @bounded_cache
 def _matrix(space: BernsteinSpace, directions: tuple[int, ...], beyond: float) -> Floats:
     """Matrix (count, count), applied from the right: from a net on the element to a derivative's on the larger one."""
-    centre, places = space.shape.vertices.mean(axis=0), net_of_xi(space)
+    centre, places = space.shape.centre, net_of_xi(space)
     to_net = np.linalg.inv(bernstein_values(space, places))
     larger = (to_net @ bernstein_values(space, centre + beyond * (places - centre))).T
     derivatives = [(lower, gradient_nets(space)[i][1]) for i in directions for lower in (gradient_nets(space)[i][0],)]

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints, starts_of
 from elvis.core.base.memory import settle_free_memory
 from elvis.core.chebyshev_models.expression_models import has_models
 from elvis.core.chebyshev_models.level_search import LevelSearch, some_of
@@ -90,7 +90,7 @@ class LevelModels:
         """Bernstein coefficients of some elements."""
         maps = np.empty((len(rows), 3, self.geometry.count))
         values = np.empty((len(rows), len(self.expression.fields), self.fields.count))
-        firsts = np.cumsum([0, *map(len, self.patches)])
+        firsts = starts_of(self.patches)
         for patch, first in zip(self.patches, firsts, strict=False):
             own = np.flatnonzero((rows >= first) & (rows < first + len(patch)))
             for some in np.array_split(own, -(-len(own) // _AT_ONCE)) if len(own) else []:

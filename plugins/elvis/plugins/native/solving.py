@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints, rows_by_number
+from elvis.core.base.arrays import Bools, Floats, Ints, rows_by_number, starts_of
 from elvis.core.mapping.inverse import Status, invert
 from elvis.core.mapping.patch import Patch
 from elvis.plugins.native.bending import bends
@@ -30,7 +30,7 @@ class Solver:
         """Status, reference coordinates and field of pairs of an element (n,) and a world point (n, 3)."""
         n = len(elements)
         solution = Solution(np.full(n, UNDECIDED), np.zeros(n), np.zeros((n, 3)), np.full(n, np.nan))
-        bounds = np.cumsum([0, *map(len, self.patches)])
+        bounds = starts_of(self.patches)
         owner = np.searchsorted(bounds, elements, side="right") - 1
         for number, chosen in rows_by_number(owner):
             self._solve(self.patches[number], chosen, elements[chosen] - bounds[number], points[chosen], solution)
@@ -38,7 +38,7 @@ class Solver:
 
     def bends(self, elements: Ints) -> Bools:
         """(n,) whether elements bend so strongly that Newton's method may miss a root."""
-        bounds = np.cumsum([0, *map(len, self.patches)])
+        bounds = starts_of(self.patches)
         owner = np.searchsorted(bounds, elements, side="right") - 1
         strong = np.zeros(len(elements), bool)
         for number, chosen in rows_by_number(owner):

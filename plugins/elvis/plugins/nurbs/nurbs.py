@@ -10,7 +10,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, starts_of
 from elvis.core.base.errors import FormatError
 from elvis.core.polynomials.quadrature import gauss, gll
 from elvis.core.shapes import Shape
@@ -166,7 +166,7 @@ def _counts(mesh: PatchMesh) -> list[int]:
 
 def _groups(maps: list[Floats], fields: list[Floats]) -> list[Group]:
     """Elements of all patches with equal degrees: these, nets of maps and fields, and numbers."""
-    first = np.cumsum([0, *map(len, maps)])
+    first = starts_of(maps)
     alike: dict[tuple[int, ...], list[int]] = {}
     for patch, (geometry, field) in enumerate(zip(maps, fields, strict=True)):
         alike.setdefault((*geometry.shape[1:4], *field.shape[1:4]), []).append(patch)

@@ -13,6 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from elvis.core.base.arrays import starts_of
 from elvis.core.shapes import Shape
 from elvis.plugins.conversion.plugin import Converter, PyramidSpace, SourceField
 from elvis.plugins.projection.adaptivity import ranges
@@ -145,7 +146,7 @@ def _closed(orders: ChosenOrders, raises: Mapping[str, Raise]) -> ChosenOrders:
 
 def _few(blocks: Sequence[NativeBlock]) -> list[NativeBlock]:
     """A few elements, the same ones every time."""
-    ends = np.cumsum([0, *map(len, blocks)])
+    ends = starts_of(blocks)
     chosen = np.random.default_rng(20261128).permutation(ends[-1])[:_FEW]
     rows = [np.sort(chosen[(chosen >= a) & (chosen < b)]) - a for a, b in pairwise(ends.tolist())]
     return [block.select(own, block.modes) for block, own in zip(blocks, rows, strict=True) if len(own)]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.base.arrays import Ints
+from elvis.core.base.arrays import Ints, starts_of
 from elvis.core.distances import Surface
 from elvis.core.distances.search import EQUAL
 from elvis.core.distances.surface_patches import SurfacePatches
@@ -46,7 +46,7 @@ def _patches(surface: Surface) -> tuple[Ints, NDArray[np.float64]]:
     """(n, 4) the records of a surface's patches, and their numbers."""
     facts = ((group, surface.sides[group.face], surface.inward[group.face]) for group in surface.groups)
     records, numbers = zip(*(_group(*each) for each in facts), strict=True)
-    starts = np.cumsum([0, *map(len, numbers)])
+    starts = starts_of(numbers)
     for record, start in zip(records, starts, strict=False):
         record[:, 0] += start
     return np.concatenate(records)[surface.tree.order], np.concatenate(numbers)

@@ -53,7 +53,7 @@ class OnMesh(DatasetSource):
 
     def sample(self, block: Elements, field: SourceField, points: Floats) -> Floats:
         """The values of the source there; on borders those from inside, where the source may jump."""
-        inner = points + _OFF_BORDERS * (block.shape.vertices.mean(axis=0) - points)
+        inner = points + _OFF_BORDERS * (block.shape.centre - points)
         values = self.values_at(self._places(block, inner))[field.key]
         return np.asarray(values.reshape(len(block), len(points)))
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import EPS, Bools, Floats, Ints
 from elvis.core.mapping.patch import Patch
 from elvis.reference.solids import map_points
 
@@ -25,7 +25,7 @@ _SHORT = 1e-9
 #: residual of position, relative to the scene's size, at which a root is accepted; steps continue to the last digit
 _SMALL = 1e-12
 #: residual that rounding may leave, relative to the largest coordinate
-_ROUNDING = 16 * float(np.finfo(np.float64).eps)
+_ROUNDING = 16 * EPS
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints, frozen_floats
+from elvis.core.base.arrays import EPS, Floats, Ints, frozen_floats
 from elvis.core.base.bounded_cache import bounded_cache
 from elvis.core.base.rows import Rows
 from elvis.core.polynomials.quadrature import gauss
@@ -133,7 +133,7 @@ class RayIntegral:
         sent = np.exp(-np.maximum(until, 0.0))
         changing = lengths[:, None, None] * weights[:, None] * emission - taken[..., None] * mean[:, None]
         color = mean * -np.expm1(-depth)[:, None] + np.einsum("kg,kgc->kc", sent, changing)
-        rounding = (len(nodes) + _ROUNDINGS) * np.finfo(np.float64).eps
+        rounding = (len(nodes) + _ROUNDINGS) * EPS
         return Light(color, depth, np.minimum(1.0, lengths * slack + rounding))
 
     def _sources(self, which: Ints, values: Sequence[Floats]) -> tuple[Floats, Floats, Floats]:

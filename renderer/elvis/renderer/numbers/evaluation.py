@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints, every_pair
+from elvis.core.base.arrays import Bools, Floats, Ints, every_pair, starts_of
 from elvis.core.base.errors import ElvisError
 from elvis.core.base.ranks import ALONE, Ranks, is_idle
 from elvis.core.base.rounded_up import rounded_up
@@ -93,7 +93,7 @@ class Evaluation:
             row, part, local, reference, status = _places(points, volume, device, every)
             values = {each.text: _values(each.text, part, local, reference, volume, device) for each in expressions}
         ids = np.array([-1, *chain.from_iterable(own.element_ids for own in volume.parts)])
-        first = np.cumsum([0, *map(len, volume.parts)])
+        first = starts_of(volume.parts)
         element = ids[np.where(part < 0, 0, 1 + first[part] + local)]
         places = dict(zip("xyz", points[row].T, strict=True))
         return {"point": row, **places, "element": element, "status": status, **values}
@@ -190,7 +190,7 @@ class Evaluation:
 def _places(points: Floats, volume: Volume, device: Renderer, every: bool) -> tuple[Ints, Ints, Ints, Floats, Ints]:
     """Locations of points: number of the point, part (-1 outside), element of the part, reference point and status."""
     found = device.probe(points)
-    first = np.cumsum([0, *map(len, volume.parts)])
+    first = starts_of(volume.parts)
     held = found.element >= 0
     owner = np.where(held, found.owner.astype(np.int64), 0)
     part = np.where(held, np.searchsorted(first, owner, side="right") - 1, -1)

@@ -13,7 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import EPS, Floats, Ints
 from elvis.core.base.errors import ElvisError
 from elvis.core.base.hints import perhaps
 from elvis.core.base.rounded_up import rounded_up
@@ -32,7 +32,7 @@ from elvis.plugins.runtime.volume_checks import Samples
 _MODES, _MOST = (4, 6, 8, 12, 16, 24, 32, 48, 64, 96), 1 << 22
 _DOMAIN, _ALL, _NORMALS = "domain", "all", ("nx", "ny", "nz")
 #: safety factor on the difference of two rules, and rounding relative to the sum of magnitudes
-_SAFETY, _ROUNDING = 2.0, 64 * float(np.finfo(np.float64).eps)
+_SAFETY, _ROUNDING = 2.0, 64 * EPS
 
 
 class Sample(Protocol):

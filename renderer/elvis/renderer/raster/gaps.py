@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.base.arrays import Bools, Ints, Records
+from elvis.core.base.arrays import Bools, Ints, Records, starts_of
 from elvis.plugins.runtime.volume import Part
 from elvis.renderer.device.drafts import is_draft
 from elvis.renderer.raster.pixels import NOBODY, Pixels, resolve
@@ -55,7 +55,7 @@ class Gaps:
         """Gaps of a volume's parts; ``candidates`` makes n empty ones, ``bent`` has known classes (see unknown)."""
         self._parts = parts
         self._empty = candidates
-        self._first = np.cumsum([0, *map(len, parts)])
+        self._first = starts_of(parts)
         self._bent = unknown(parts) if bent is None else bent
 
     def close(self, view: PlaneView, pixels: Pixels, sections: Sequence[Records]) -> None:

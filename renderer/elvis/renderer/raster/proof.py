@@ -6,14 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elvis.core.base.arrays import Records
+from elvis.core.base.arrays import Records, starts_of
 from elvis.plugins.runtime.volume import Part
 from elvis.scene.cameras.view import PlaneView
 
 
 def prove(parts: Sequence[Part], view: PlaneView, candidates: Records) -> Records:
     """The candidates, by index of the element in the volume, with the results of the parts that can give some."""
-    candidates, first = candidates.copy(), np.cumsum([0, *map(len, parts)])
+    candidates, first = candidates.copy(), starts_of(parts)
     pixel, element = candidates["pixel"].astype(np.int64), candidates["element"].astype(np.int64)
     points = view.points_of(*view.places(pixel))
     owner = np.searchsorted(first, element, side="right") - 1

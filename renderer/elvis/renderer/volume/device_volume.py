@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import EPS, Bools, Floats, Ints, starts_of
 from elvis.core.mapping.boxes import Boxes
 from elvis.plugins.runtime.volume import Enclosure, LevelSeries, Part, Quantity, Volume
 from elvis.renderer.device.device import Device
@@ -50,7 +50,7 @@ class DeviceVolume:
         self._bounds: dict[tuple[int, str | None], tuple[Floats, Floats]] = {}
         self._ends: dict[str | None, tuple[NDArray[np.float32], Buffer]] = {}
         self.buffers = [self._bring(part.buffers) for part in self.parts]
-        self.first = np.cumsum([0, *map(len, self.parts)])
+        self.first = starts_of(self.parts)
         self.ids = np.concatenate([*(part.element_ids for part in self.parts), [-1]])
         self.extent = self.once("extent", lambda: max((greatest_of(part.boxes) for part in self.parts), default=0.0))
 
@@ -92,7 +92,7 @@ class DeviceVolume:
     @property
     def rounding(self) -> float:
         """How far coordinates may be off by rounding, in world units."""
-        return _ROUNDINGS * float(np.finfo(np.float64).eps) * self.extent
+        return _ROUNDINGS * EPS * self.extent
 
     @cached_property
     def is_far(self) -> bool:

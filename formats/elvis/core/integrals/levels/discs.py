@@ -323,7 +323,7 @@ class LevelDiscs:
     def _constant(self, name: str) -> Disc:
         """The disc of an attribute that is one number throughout an element."""
         patch = self.rules.piece.patch
-        middle = np.tile(patch.shape.vertices.mean(axis=0), (len(self.rows), 1))
+        middle = np.tile(patch.shape.centre, (len(self.rows), 1))
         return self.attributes.at(name, patch, self.rows, middle)[:, None], np.float64(0.0)
 
     @cached_property

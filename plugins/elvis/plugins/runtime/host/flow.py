@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints, rows_by_number
+from elvis.core.base.arrays import Bools, Floats, Ints, rows_by_number, starts_of
 from elvis.core.base.errors import ElvisError
 from elvis.core.distances.boundaries import ALL
 from elvis.core.mapping.boxes import BoxTree
@@ -183,7 +183,7 @@ class HostLocator(Locator):
         super().__init__((), 0.0)
         self.patches = tuple(patches)
         self.tree = BoxTree.build(np.concatenate([np.asarray(patch.host.part.boxes) for patch in patches]))
-        self._starts = np.cumsum([0, *map(len, patches)])
+        self._starts = starts_of(patches)
         self._ids = np.concatenate([patch.element_ids for patch in patches])
         self._dimension = max(patch.shape.dimension for patch in patches)
 

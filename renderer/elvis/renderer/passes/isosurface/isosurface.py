@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints, Records
+from elvis.core.base.arrays import Bools, Floats, Ints, Records, starts_of
 from elvis.core.chebyshev_models.series_boxes import SeriesBoxes
 from elvis.core.mapping.boxes import Boxes
 from elvis.core.polynomials.chebyshev_nodes import series
@@ -312,7 +312,7 @@ class IsosurfaceDrawer:
                 last = draft == _DRAFTS - 1 or len(sub_elements) > MOST_SUB_ELEMENTS
                 drawn = partial(self._draft, draw, portion, where=where, level_view=partial(level_view, last=last))
                 chunks = self._chunks(portion, sub_elements)
-                before = np.cumsum([0, *map(len, chunks)])
+                before = starts_of(chunks)
                 found = [drawn(some) for some in chunks]
                 number = np.concatenate([own + first for (own, _), first in zip(found, before, strict=False)])
                 rows, parent = np.unique(number, return_inverse=True)

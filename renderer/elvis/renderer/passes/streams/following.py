@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints, Records
+from elvis.core.base.arrays import Bools, Floats, Ints, Records, starts_of
 from elvis.core.mapping.locate import Locator
 from elvis.core.polynomials.expansion import mode_count
 from elvis.core.streamlines import dop853, entries, tracer
@@ -129,7 +129,7 @@ class DeviceTracer(Tracer):
     ) -> None:
         super().__init__(velocity, neighbours, locator, limits, sign)
         self._followers = followers
-        self._starts = np.cumsum([0, *map(len, velocity.patches)])
+        self._starts = starts_of(velocity.patches)
         self._dimension = velocity.patches[0].dimension
 
     def place(self, patch: Ints, row: Ints, reference: Floats) -> None:
@@ -279,7 +279,7 @@ def _stages(device: Device, velocity: Velocity, neighbours: Neighbours) -> Itera
     """The parts of a velocity on a device."""
     names = tuple(each.root.name for each in velocity.expressions)
     numbers = {id(patch): number for number, patch in enumerate(velocity.patches)}
-    starts = np.cumsum([0, *map(len, velocity.patches)])
+    starts = starts_of(velocity.patches)
     for part, own in stacks(velocity.patches, velocity.evaluator, names):
         patches = [numbers[id(patch)] for patch in own]
         patch = np.concatenate([np.full(len(velocity.patches[k]), k) for k in patches])

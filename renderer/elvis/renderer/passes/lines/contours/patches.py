@@ -78,7 +78,7 @@ class PatchChart:
         self._shape = patches.shape
         self.records = patches.records
         self.facets: Floats = FACETS[patches.shape]
-        self.center: Floats = patches.shape.vertices.mean(axis=0)
+        self.center: Floats = patches.shape.centre
         one = sample_elements(loaded, self._number, np.zeros(1, np.int64), np.zeros((1, 3)), quantity)
         self._middle = one.center[0]
         self._own = loaded.quantity(self._number, quantity)

@@ -371,7 +371,7 @@ def is_nearby(shape: Shape, facets: Floats, beyond: Floats | float, places: Floa
     if shape in (Shape.HEXAHEDRON, Shape.QUADRILATERAL):
         return np.asarray(np.abs(places).max(axis=(0, 2)) + slack < beyond)
     # in the shape, drawn together around its centre as much as its neighbourhood is larger
-    centre = shape.vertices.mean(axis=0)
+    centre = shape.centre
     drawn_together = centre + (places - centre) / np.reshape(beyond, (-1, 1))
     margins = facet_distances(facets, drawn_together)
     return np.asarray(margins.min(axis=(0, 2)) > steepest(facets) * slack)
