@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, joined_columns
 from elvis.core.chebyshev_models.box_series import BoxSeries
 from elvis.core.chebyshev_models.derivative_series import DerivativeSeries, derivatives_in
 from elvis.core.chebyshev_models.expression_models import BoxLeaves, errors_in_eighths, models_of
@@ -208,9 +208,7 @@ class LevelSearch:
         """The boxes that may hold the level among places, by models of their own."""
         if not places:
             return
-        element = np.concatenate([own[0] for own in places])
-        centre = np.concatenate([own[1] for own in places])
-        half = np.concatenate([own[2] for own in places])
+        element, centre, half = joined_columns(places)
         for size in np.unique(half):
             rows = np.flatnonzero(half == size)
             yield from self._search(self._afresh(element[rows], centre[rows], size), level, count, halvings)

@@ -21,6 +21,7 @@ from elvis.core.base.arrays import (
     frozen_floats,
     frozen_ints,
     frozen_view,
+    joined_columns,
     joined_ints,
     narrow_ints,
 )
@@ -48,6 +49,13 @@ class RawCurves:
         """Nothing is curved."""
         empty = np.empty(0, np.int64)
         return RawCurves(empty, empty, empty, np.empty((0, 3)))
+
+    @staticmethod
+    def joined(parts: Sequence[RawCurves]) -> RawCurves:
+        """All curves of several parts; there may be none."""
+        if not parts:
+            return RawCurves.none()
+        return RawCurves(*joined_columns((own.entities, own.kinds, own.counts, own.points) for own in parts))
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,8 +235,7 @@ def first_rows(ids: Ints) -> Ints:
 
 
 def _unite_table(shape: Shape, pieces: Sequence[RawGeometry]) -> tuple[Ints, Ints]:
-    tables = [piece.tables[shape] for piece in pieces if shape in piece.tables]
-    ids, members = np.concatenate([table[0] for table in tables]), np.concatenate([table[1] for table in tables])
+    ids, members = joined_columns(piece.tables[shape] for piece in pieces if shape in piece.tables)
     _, first, inverse = np.unique(ids, return_index=True, return_inverse=True)
     if not np.array_equal(members, members[first[inverse]]):
         wrong = int(np.flatnonzero((members != members[first[inverse]]).any(axis=1))[0])
@@ -241,14 +248,12 @@ def _unite_table(shape: Shape, pieces: Sequence[RawGeometry]) -> tuple[Ints, Int
 
 
 def _unite_curves(parts: Sequence[RawCurves]) -> RawCurves:
-    entities = np.concatenate([part.entities for part in parts])
-    counts = np.concatenate([part.counts for part in parts])
-    kept = first_rows(entities)
-    is_kept = np.zeros(len(entities), bool)
+    every = RawCurves.joined(parts)
+    kept = first_rows(every.entities)
+    is_kept = np.zeros(len(every.entities), bool)
     is_kept[kept] = True
-    points = np.concatenate([part.points for part in parts])
-    kinds = np.concatenate([part.kinds for part in parts])
-    return RawCurves(entities[kept], kinds[kept], counts[kept], points[np.repeat(is_kept, counts)])
+    points = every.points[np.repeat(is_kept, every.counts)]
+    return RawCurves(every.entities[kept], every.kinds[kept], every.counts[kept], points)
 
 
 def _unite_composites(pieces: Sequence[RawGeometry]) -> tuple[RawComposite, ...]:

@@ -153,21 +153,10 @@ class _TextCodec:
         for chunk in numbers.chunks(section.data, section.start, section.stop):
             for tag, curves in _chunk_curves(chunk).items():
                 parts[tag].append(curves)
-        return _join_curves(parts["E"]), _join_curves(parts["F"])
+        return RawCurves.joined(parts["E"]), RawCurves.joined(parts["F"])
 
 
 _TEXT = _TextCodec()
-
-
-def _join_curves(parts: list[RawCurves]) -> RawCurves:
-    if not parts:
-        return RawCurves.none()
-    return RawCurves(
-        np.concatenate([part.entities for part in parts]),
-        np.concatenate([part.kinds for part in parts]),
-        np.concatenate([part.counts for part in parts]),
-        np.concatenate([part.points for part in parts]),
-    )
 
 
 def _chunk_curves(chunk: bytes) -> dict[str, RawCurves]:
