@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from jets import jets_of
+from jets import POWERS, jets_of
 from kernel_functions import parted, rows_of, width_of
 from numpy.polynomial import Polynomial
 
