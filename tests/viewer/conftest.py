@@ -89,9 +89,9 @@ class Running:
         self._thread.join(PATIENCE)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def viewer(scene):
-    """A viewer for the tests of a module."""
+    """A viewer for all tests that leave it as it was."""
     running = Running(scene)
     yield running
     running.close()
