@@ -29,11 +29,15 @@ _BEGINNINGS: Sequence[tuple[bytes, str]] = (
     (rb"FoamFile|/\*-+\*- C\+\+ -\*-+\*\\", "an OpenFOAM file: write VTK with foamToVTK, and convert that"),
     (rb"(?s).{0,2000}?^\s*NDIME\s*=", "an SU2 mesh: write its solution as VTK or CGNS, and convert that"),
     (
+        rb"\xec\x2b\x08\0|\0\x08\x2b\xec",
+        "a restart file of SU2, which names no elements: write the solution as VTK or CGNS, and convert that",
+    ),
+    (
         rb"(?s)(# EnSight|FORMAT\s+type:\s*ensight|C Binary)",
         "EnSight data: save an unstructured grid (.vtu) in ParaView",
     ),
     (
-        rb"(?i)#?\s*(\w+\s*,\s*)?[xyz]\s*,\s*\w+",
+        rb"""(?i)#?\s*("?\w+"?\s*,\s*)?"?[xyz]"?\s*,\s*"?\w+""",
         "a table of points: elvis convert --onto MESH interpolates its values onto a mesh",
     ),
     (
@@ -103,4 +107,6 @@ def _hdf5(path: Path) -> str:
             names = sorted(name if isinstance(name, str) else name.decode("utf-8", "replace") for name in file)
     except FormatError:
         return "a damaged HDF5 file"
+    if "topologies" in names:
+        return "a checkpoint of Firedrake or PETSc: write its functions by VTKFile (.pvd), and convert that"
     return f"an HDF5 file with {', '.join(names[:5]) or 'nothing'}{', ...' if len(names) > 5 else ''}"
