@@ -28,10 +28,10 @@ from elvis.viewer.picture_facts import facts_of
 if TYPE_CHECKING:
     from elvis.core.data.dataset import Dataset
     from elvis.core.distances.boundaries import Bodies
-    from elvis.plugins.data.data import Reading
+    from elvis.plugins.data.data import Opening, Reading
     from elvis.plugins.runtime.opening import PluginData
     from elvis.renderer.asking.deformed_data import DeformedData
-    from elvis.renderer.parts.bricks import Bricks, Opening
+    from elvis.renderer.parts.bricks import Bricks
     from elvis.scene.model.whole import Scene
     from elvis.scene.record.frame import Frame
 
@@ -61,7 +61,7 @@ class Source:
     reading: Reading | None = None
     device: str = "auto"
     is_live: bool = False
-    opening: Opening | None = None
+    opening: Opening[Dataset | PluginData | Bricks] | None = None
 
 
 @dataclass(frozen=True)

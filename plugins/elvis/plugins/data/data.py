@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 from elvis.core.base.errors import ElvisError, FormatError
 from elvis.core.base.ranks import ALONE, Ranks
@@ -42,6 +42,8 @@ if TYPE_CHECKING:
     from elvis.plugins.series.series import Series
 
 T = TypeVar("T")
+#: function that receives messages about plugins that fail
+Report: TypeAlias = Callable[[str], object]
 
 #: the option that names the fields to read
 _FIELDS = "fields"
@@ -151,6 +153,10 @@ class Reading:
         return self.options.keys() <= {_FIELDS}
 
 
+#: function that opens files according to a reading, and reports plugins that fail
+Opening: TypeAlias = Callable[[Sequence[Path], Reading, Report], T]
+
+
 def read(
     *paths: str | Path,
     reader: Mapping[str, str] | Sequence[str] = (),
@@ -188,9 +194,7 @@ def pairs(texts: Sequence[str]) -> dict[str, str]:
     return {name.strip(): value.strip() for name, _, value in found}
 
 
-def open_data(
-    paths: Sequence[Path], reading: Reading | None = None, report: Callable[[str], object] = str
-) -> Dataset | PluginData:
+def open_data(paths: Sequence[Path], reading: Reading | None = None, report: Report = str) -> Dataset | PluginData:
     """The data that a runtime plugin opens, else the dataset in the files.
 
     report  called with one line for each plugin that fails
@@ -200,9 +204,7 @@ def open_data(
     return _open(paths, reading or Reading(), report, dataset_of)
 
 
-def open_part(
-    paths: Sequence[Path], reading: Reading, report: Callable[[str], object]
-) -> Dataset | PluginData | Portion:
+def open_part(paths: Sequence[Path], reading: Reading, report: Report) -> Dataset | PluginData | Portion:
     """A rank's part of the result of `open_data`, with the ranks of ``reading``; the complete data of a plugin.
 
     The first rank converts other formats, and all read the result.  Each also has its part of other datasets that
@@ -212,9 +214,7 @@ def open_part(
     return _open(paths, reading, report, part_of if reading.is_plain else _whole_for_ranks)
 
 
-def open_parts(
-    paths: Sequence[Path], reading: Reading, report: Callable[[str], object]
-) -> Dataset | PluginData | DatasetParts:
+def open_parts(paths: Sequence[Path], reading: Reading, report: Report) -> Dataset | PluginData | DatasetParts:
     """The result of `open_data`, for reading part by part if the files are native and one state; else complete."""
     return _open(paths, reading, report, _parts_of)
 
@@ -222,7 +222,7 @@ def open_parts(
 def _open(
     paths: Sequence[Path],
     reading: Reading,
-    report: Callable[[str], object],
+    report: Report,
     read_files: Callable[[Sequence[Path], Reading], T],
 ) -> T | Dataset | PluginData:
     """The data of a plugin as in `open_data`, else the result of ``read_files``."""

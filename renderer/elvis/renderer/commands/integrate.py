@@ -13,6 +13,7 @@ from elvis.core.base.ranks import ALONE, Ranks, is_idle
 from elvis.core.base.rounded_up import rounded_up
 from elvis.core.data.arguments import field_option, json_option, overwrite_option, times_option, top_modes_option
 from elvis.plugins.command.running import shared
+from elvis.renderer.commands.outputs import check_outputs
 from elvis.renderer.commands.sources import Data, NativeSource, data_options, native_source, or_alone
 from elvis.renderer.commands.with_copies import copies_options
 
@@ -142,7 +143,7 @@ def integrate(
         raise click.UsageError(text, click.get_current_context())
     if plot is not None and times is None and bins is None:
         raise click.UsageError("expected --plot with --times or --histogram", click.get_current_context())
-    _check_outputs(output, plot, data.inputs(), overwrite)
+    check_outputs(output, plot, data.inputs(), overwrite)
     if copies is not None:
         data = replace(data, is_copied=True)
         if bins is not None or without_top_modes:
@@ -262,20 +263,6 @@ def _show(found: _Moments, plot: Path | None, output: Path | None, as_json: bool
 
 #: integrals with the time that they are of, without one where the data are one state
 _Moments = list[tuple[dict[str, float], "Integrals"]]
-
-
-def _check_outputs(output: Path | None, plot: Path | None, read: list[Path], overwrite: bool) -> None:
-    """ElvisError where the files can't be written, before any long work."""
-    from elvis.core.files.columns import check_suffix
-    from elvis.core.files.output import check_places
-
-    if output is not None:
-        check_suffix(output)
-    if plot is not None:
-        from elvis.scene.figure.time_plot import check_plot
-
-        check_plot(plot)
-    check_places([path for path in (output, plot) if path is not None], read, overwrite)
 
 
 def _check_histogram(

@@ -14,7 +14,7 @@ from elvis.core.base.errors import ElvisError
 from elvis.core.data.arguments import times_option_for
 
 if TYPE_CHECKING:
-    from elvis.renderer.commands.render import Opened
+    from elvis.renderer.parts.bricks import PictureData
     from elvis.scene.model.whole import Camera, Scene
 
 
@@ -65,7 +65,7 @@ class PageViews:
         times = series.times if isinstance(self.times, str) else _even_times(*self.times)
         return tuple(replace(scene, step=None, time=float(time)) for time in times)
 
-    def seen(self, scenes: tuple[Scene, ...], opened: Opened) -> tuple[Scene, ...]:
+    def seen(self, scenes: tuple[Scene, ...], opened: PictureData) -> tuple[Scene, ...]:
         """All views of scenes at different times, with the cameras that fit the first.
 
         opened  data of the first scene
@@ -78,7 +78,7 @@ class PageViews:
         cameras = self.cameras(sized[0], opened)
         return tuple(replace(scene, camera=camera) for scene in sized for camera in cameras)
 
-    def cameras(self, scene: Scene, opened: Opened) -> list[Camera]:
+    def cameras(self, scene: Scene, opened: PictureData) -> list[Camera]:
         """Cameras around the up axis; fitted ones have one scale, at which everything is visible."""
         from elvis.renderer.film.animation import orbited
         from elvis.renderer.frame.rendering import Pictures

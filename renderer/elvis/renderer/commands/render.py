@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
@@ -18,16 +17,10 @@ from elvis.scene.commandline.command import OUTPUT, SceneCommand, setting_option
 
 if TYPE_CHECKING:
     from elvis.core.base.ranks import Ranks
-    from elvis.core.data.dataset import Dataset
-    from elvis.plugins.data.data import Reading
-    from elvis.plugins.runtime.opening import PluginData
-    from elvis.renderer.parts.bricks import Bricks
-    from elvis.renderer.parts.parts import RankPart
+    from elvis.plugins.data.data import Opening
+    from elvis.renderer.parts.bricks import PictureData
     from elvis.scene import Scene
     from elvis.scene.record.frame import Frame
-
-    #: what scenes are drawn of
-    Opened: TypeAlias = Bricks | Dataset | PluginData | RankPart
 
 T = TypeVar("T")
 #: share of the visible pixels above which ambiguous pixels are reported
@@ -158,7 +151,7 @@ def _check_places(scene: Scene, data: tuple[Path, ...], save_scene: Path | None,
     check_places(written, [*inputs(data, scene.plugin), *input_files(scene)], overwrite)
 
 
-def _opened(scenes: tuple[Scene, ...], is_kept: bool, ranks: Ranks) -> dict[object, Opened]:
+def _opened(scenes: tuple[Scene, ...], is_kept: bool, ranks: Ranks) -> dict[object, PictureData]:
     """The data of scenes by their dependencies, each opened once; with ranks, only the parts that are needed."""
     from elvis.renderer.parts.bricks import opening_for
     from elvis.renderer.parts.parts import of_ranks, opening_for_ranks
@@ -172,7 +165,9 @@ def _opened(scenes: tuple[Scene, ...], is_kept: bool, ranks: Ranks) -> dict[obje
     return dict(of_ranks(parts, alike, ranks))
 
 
-def _frames(scenes: tuple[Scene, ...], opened: dict[object, Opened], ranks: Ranks) -> tuple[list[Frame], list[str]]:
+def _frames(
+    scenes: tuple[Scene, ...], opened: dict[object, PictureData], ranks: Ranks
+) -> tuple[list[Frame], list[str]]:
     """The pictures of scenes, and notes on their data; on the first rank, while the others have their own rows.
 
     Pictures that are coloured by the same field share one range, so that one bar is valid for all.
@@ -209,9 +204,7 @@ def _key(scene: Scene) -> object:
     return *of_files, scene.step, scene.time, scene.between
 
 
-def _open(
-    scenes: list[Scene], opening: Callable[[Sequence[Path], Reading, Callable[[str], object]], T], is_kept: bool
-) -> T:
+def _open(scenes: list[Scene], opening: Opening[T], is_kept: bool) -> T:
     """The data of scenes, which are the same, as ``opening`` gives them."""
     from elvis.core.base.terminal import warn
     from elvis.renderer.asking.request import reading_for
@@ -223,7 +216,7 @@ def _open(
     return opening(tuple(map(Path, data)), reading_for(scenes, is_kept), warn)
 
 
-def _drawn(data: list[Opened], scenes: tuple[Scene, ...], ranks: Ranks) -> list[Frame]:
+def _drawn(data: list[PictureData], scenes: tuple[Scene, ...], ranks: Ranks) -> list[Frame]:
     """The pictures of scenes, each of its data; neighbours of the same data share them on the device."""
     from itertools import groupby
 

@@ -17,14 +17,13 @@ from elvis.core.data.dataset import Dataset
 from elvis.core.data.moments import Moment
 from elvis.core.portions import Portion
 from elvis.core.quantities import Expression, Names
-from elvis.plugins.runtime.opening import PluginData
 from elvis.plugins.series.series import Series, series_in
 from elvis.plugins.series.step_names import expanded
 from elvis.renderer.asking.request import reading_for
 from elvis.renderer.film.motions import Motion
 from elvis.renderer.frame.rendering import Pictures
-from elvis.renderer.parts.bricks import Bricks, opening_for
-from elvis.renderer.parts.parts import Opened, RankPart, comes_in_parts, of_ranks, opening_for_ranks
+from elvis.renderer.parts.bricks import Bricks, PictureData, opening_for
+from elvis.renderer.parts.parts import Opened, comes_in_parts, of_ranks, opening_for_ranks
 from elvis.scene import Camera, Scene
 from elvis.scene.commandline.composing import with_settings
 from elvis.scene.model.errors import AbsentError, SceneError
@@ -221,7 +220,7 @@ class Film:
         else:
             self._pictures.show(shown)
 
-    def _of_ranks(self, data: Opened | Bricks) -> Dataset | PluginData | RankPart | Bricks:
+    def _of_ranks(self, data: Opened | Bricks) -> PictureData:
         """The data from which a rank draws, for all scenes of the animation, which differ only in numbers."""
         if isinstance(data, Portion) or (self.ranks.size > 1 and not isinstance(data, Bricks)):
             return of_ranks({None: data}, {None: [self.scene]}, self.ranks, for_others=True)[None]

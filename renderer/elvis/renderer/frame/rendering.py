@@ -30,7 +30,7 @@ from elvis.renderer.frame.notes import note, remarks_on_conversion, remarks_on_d
 from elvis.renderer.frame.rank_pictures import RankPicture
 from elvis.renderer.frame.renderer import Renderer
 from elvis.renderer.parts.bands import Bands
-from elvis.renderer.parts.bricks import Bricks, in_memory, timed
+from elvis.renderer.parts.bricks import Bricks, PictureData, in_memory, timed
 from elvis.renderer.parts.near_cuts import NearCuts
 from elvis.renderer.parts.parts import RankPart
 from elvis.renderer.parts.rank_rows import RankRows
@@ -90,7 +90,7 @@ class Pictures:
 
     def __init__(
         self,
-        data: Dataset | PluginData | RankPart | Bricks,
+        data: PictureData,
         device: str = "auto",
         progress: Progress | None = None,
         ranks: Ranks = ALONE,
@@ -127,13 +127,13 @@ class Pictures:
         """Pieces of the device's memory that were made so far; steady frames make none."""
         return 0 if self._renderer is None else self._renderer.device.buffers_made
 
-    def show(self, data: Dataset | PluginData | RankPart | Bricks) -> None:
+    def show(self, data: PictureData) -> None:
         """Take other data for the next pictures; the device stays."""
         if isinstance(data, Dataset) and isinstance(self.data, Dataset) and data.mesh is self.data.mesh:
             share(data.mesh)
         self._take(data)
 
-    def _take(self, data: Dataset | PluginData | RankPart | Bricks) -> None:
+    def _take(self, data: PictureData) -> None:
         """Start with data without any known facts."""
         self._part = data if isinstance(data, RankPart) else None
         self._bricks = data if isinstance(data, Bricks) else None

@@ -27,10 +27,10 @@ from elvis.core.shapes import Shape
 from elvis.core.validity.folded import Folded, folded
 from elvis.formats.nektar.dataset_parts import DatasetParts
 from elvis.formats.nektar.mapped_files import mapped
-from elvis.plugins.data.data import Reading, open_data, open_parts
+from elvis.plugins.data.data import Opening, Reading, Report, open_data, open_parts
 from elvis.plugins.runtime.opening import PluginData
 from elvis.renderer.parts.near_boxes import meets
-from elvis.renderer.parts.parts import beside, drawable, is_local, whole_scene
+from elvis.renderer.parts.parts import RankPart, beside, drawable, is_local, whole_scene
 from elvis.renderer.parts.relevance import Looked, Relevance, has_volumes
 from elvis.scene import CutSurface, Implicit, Scene
 from elvis.scene.model.errors import SceneError
@@ -39,12 +39,6 @@ from elvis.scene.model.errors import SceneError
 _TIMES = 4
 #: elements of a brick, about
 ELEMENTS = 64
-
-
-#: function that receives messages about plugins that fail
-Report: TypeAlias = Callable[[str], object]
-#: what files hold, as a reading says
-Opening: TypeAlias = Callable[[Sequence[Path], Reading, Report], "Dataset | PluginData | Bricks"]
 
 
 class Source(Protocol):
@@ -265,7 +259,11 @@ class Bricks:
         return np.asarray(bricks[rows_of(every, ids)])
 
 
-def opening_for(scenes: Sequence[Scene]) -> Opening:
+#: what pictures are drawn from
+PictureData: TypeAlias = Dataset | PluginData | RankPart | Bricks
+
+
+def opening_for(scenes: Sequence[Scene]) -> Opening[Dataset | PluginData | Bricks]:
     """Function that opens files that are only used for pictures of scenes: in bricks if all limit their memory."""
     return _open_bricks if all(scene.memory is not None for scene in scenes) else open_data
 

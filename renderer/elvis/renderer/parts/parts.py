@@ -7,7 +7,7 @@ the same to the byte for every partition.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -24,7 +24,7 @@ from elvis.core.data.dataset import Dataset
 from elvis.core.portions.borrowing import BorrowedRates, borrowing
 from elvis.core.portions.portion import Portion, unite
 from elvis.core.quantities import Expression
-from elvis.plugins.data.data import Reading, open_data, open_part
+from elvis.plugins.data.data import Opening, Reading, Report, open_data, open_part
 from elvis.plugins.runtime.opening import PluginData
 from elvis.renderer.asking.completing import completed, default_field, other_device
 from elvis.renderer.asking.request import asked_by
@@ -37,8 +37,6 @@ from elvis.scene.model.middle_planes import with_middles
 _NONE = np.empty(0, np.int64)
 #: what a rank has opened
 Opened: TypeAlias = Dataset | PluginData | Portion
-#: function that opens files according to a reading, and reports plugins that fail
-Opening: TypeAlias = Callable[[Sequence[Path], Reading, Callable[[str], object]], Opened]
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,10 +158,10 @@ def _names_beside(part: Portion) -> dict[str, Any]:
     return {**beside(dataset), "others": others, "rates": BorrowedRates.of(dataset)}
 
 
-def opening_for_ranks(scenes: Sequence[Scene], ranks: Ranks) -> Opening:
+def opening_for_ranks(scenes: Sequence[Scene], ranks: Ranks) -> Opening[Opened]:
     """Function that opens a rank's part of files for pictures of scenes, or all if these need that."""
 
-    def opening(paths: Sequence[Path], reading: Reading, report: Callable[[str], object]) -> Opened:
+    def opening(paths: Sequence[Path], reading: Reading, report: Report) -> Opened:
         return open_part(paths, replace(reading, ranks=ranks), report)
 
     return opening if comes_in_parts(scenes) else open_data

@@ -24,6 +24,7 @@ from elvis.core.data.arguments import (
     triples,
 )
 from elvis.plugins.command.running import shared
+from elvis.renderer.commands.outputs import check_outputs
 from elvis.renderer.commands.probe.asked import Asked
 from elvis.renderer.commands.probe.curves import ProbeCurves, curve_options
 from elvis.renderer.commands.probe.look import Look
@@ -187,7 +188,7 @@ def probe(
         curves = replace(curves, names=(name,))
         line = None
     is_nrrd = grid is not None and output is not None and output.suffix.lower() == ".nrrd"
-    _check_outputs(output, plot, is_nrrd, data.inputs(points), overwrite)
+    check_outputs(output, plot, data.inputs(points), overwrite, is_nrrd)
     curves.check(plot is not None)
     _check_ways(curves, plot, times, every, clip, snap)
     if spectrum is not None and (times is None or every):
@@ -329,22 +330,6 @@ def _check_ways(
         raise click.UsageError("expected --along on a boundary, and --layers, without --all and --clip", context)
     if snap is not None and (every or clip or times is not None or curves.names):
         raise click.UsageError("expected --snap without --along, --all, --clip and --times", context)
-
-
-def _check_outputs(output: Path | None, plot: Path | None, is_grid: bool, read: list[Path], overwrite: bool) -> None:
-    """ElvisError where the files can't be written, before any long work."""
-    from elvis.core.files.columns import check_suffix
-    from elvis.core.files.output import check_places
-
-    if output is not None and not is_grid:
-        check_suffix(output)
-    elif output is not None and output.suffix.lower() != ".nrrd":
-        raise ElvisError(f"{output}: expected a name that ends in .nrrd for a grid, found {output.suffix or 'none'}")
-    if plot is not None:
-        from elvis.scene.figure.time_plot import check_plot
-
-        check_plot(plot)
-    check_places([path for path in (output, plot) if path is not None], read, overwrite)
 
 
 def _plot(path: Path, columns: Columns, places: Floats | None, look: Look) -> None:
