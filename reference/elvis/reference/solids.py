@@ -92,16 +92,15 @@ def margins_of(patch: Patch, points: Floats) -> Floats:
     return np.asarray(heights(bounds(patch.shape, bool(patch.periods)), points).min(axis=1))
 
 
-def cells_of(patch: Patch, level: int, layers: int | None = None) -> Template:
+def cells_of(patch: Patch, level: int) -> Template:
     """The elements of a patch cut ``level`` times.
 
-    Elements of quasi-3D data have a layer for each plane between their lids, which is cut ``layers`` times, by default
-    ``level`` times.
+    Elements of quasi-3D data have a layer for each plane between their lids, which is cut as often.
     """
     cut = template(patch.shape, level)
     if patch.homogeneous is None:
         return cut
-    return drawn_out(cut, max(2, len(patch.homogeneous.z_ids)) << (level if layers is None else layers))
+    return drawn_out(cut, max(2, len(patch.homogeneous.z_ids)) << level)
 
 
 def map_lattice(patch: Patch, rows: Ints, points: Floats) -> Floats:

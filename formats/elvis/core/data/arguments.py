@@ -328,11 +328,9 @@ def expressions(dataset: Dataset, texts: Sequence[str] | None) -> tuple[Expressi
     return tuple(Expression.parse(text, names) for text in (names.fields if texts is None else texts))
 
 
-def texts_of(wanted: str | None, further: Sequence[str] = ()) -> list[str] | None:
-    """The texts in ``wanted`` (commas between them) and ``further``; None if nothing is requested: all fields."""
-    if wanted is None and not further:
-        return None
-    return [*(_split(wanted) if wanted is not None else ()), *further]
+def texts_of(wanted: str | None) -> list[str] | None:
+    """The texts in ``wanted``, with commas between them; None if nothing is requested: all fields."""
+    return None if wanted is None else _split(wanted)
 
 
 def _split(text: str) -> list[str]:

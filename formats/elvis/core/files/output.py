@@ -137,9 +137,9 @@ def replacing(path: str | Path, outputs: Outputs | None = None) -> Iterator[Path
         yield temporary
 
 
-def write_bytes(path: str | Path, content: bytes, outputs: Outputs | None = None) -> None:
-    """Write a whole file of bytes, or none of it; together with others where their ``outputs`` are given."""
-    with replacing(path, outputs) as file:
+def write_bytes(path: str | Path, content: bytes) -> None:
+    """Write a whole file of bytes, or none of it."""
+    with replacing(path) as file:
         file.write_bytes(content)
 
 

@@ -63,12 +63,10 @@ def pixels_near(view: View, corners: Floats, slack: Floats) -> Iterator[tuple[In
         yield triangle[near], pixel[near]
 
 
-def boxed(view: View, corners: Floats, slack: Floats | float = 0.0) -> Iterator[tuple[Ints, Ints]]:
+def boxed(view: View, corners: Floats) -> Iterator[tuple[Ints, Ints]]:
     """Pairs of a simplex (k,) and a pixel (k,): all pixels in the boxes around the pictures of corners (m, v, 3)."""
     screen, front = on_screen(view, corners)
-    around = np.broadcast_to(np.asarray(slack, np.float64), len(corners))[:, None]
-    low = screen.min(axis=1) - around
-    high = screen.max(axis=1) + around
+    low, high = screen.min(axis=1), screen.max(axis=1)
 
     # a triangle partly behind the eye may be anywhere; one entirely behind it is nowhere
     reaches_behind = ~front.all(axis=1)
