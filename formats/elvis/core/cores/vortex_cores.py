@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints, joined_columns
+from elvis.core.base.rows import Rows
 from elvis.core.base.terminal import Progress
 from elvis.core.cores.finding import CoreArcs, CoreLimits, core_arcs
 from elvis.core.cores.joining import Course, WorldArc
@@ -148,27 +149,25 @@ def _assembled(dataset: Dataset, found: CoreArcs, others: Sequence[Expression], 
         if line.length[-1] >= min_length:
             lines.append(line.with_ends(course, arcs, outer, words))
     order = sorted(lines, key=lambda own: -own.length[-1])
-    none = _Line.none(len(others))
-    every = [none, *order]
-    values = np.concatenate([own.values for own in every])
+    every = _Line.joined([_Line.none(len(others)), *order])
     return VortexCores(
         np.cumsum([0, *(len(own.length) for own in order)]),
         np.array([own.ends[0] for own in order], np.int64),
         np.array([own.ends[1] for own in order], np.int64),
         words,
-        np.concatenate([own.points for own in every]),
-        np.concatenate([own.length for own in every]),
-        np.concatenate([own.element for own in every]),
-        np.concatenate([own.velocity for own in every]),
-        np.concatenate([own.swirl for own in every]),
-        {each.text: values[:, column] for column, each in enumerate(others)},
+        every.points,
+        every.length,
+        every.element,
+        every.velocity,
+        every.swirl,
+        {each.text: every.values[:, column] for column, each in enumerate(others)},
         found.undecided,
         found.near_rest,
     )
 
 
 @dataclass(frozen=True, eq=False)
-class _Line:
+class _Line(Rows):
     """A line with values at its points, as in `VortexCores`; and the kinds of its ends."""
 
     points: Floats
@@ -203,7 +202,7 @@ class _Line:
             table = np.stack(values, axis=1) if values else np.empty((len(rows), 0))
             turning = rotations(motions.gradient)
             parts.append((own.points[::step], patch.element_ids[rows], motions.velocity, motions.swirl, table, turning))
-        points, element, velocity, swirl, table, turning = map(np.concatenate, zip(*parts, strict=True))
+        points, element, velocity, swirl, table, turning = joined_columns(parts)
         if course.closed and not arcs[course.arcs[0]].arc.closed:
             points, element, velocity, swirl, table, turning = (
                 np.concatenate([own, own[:1]]) for own in (points, element, velocity, swirl, table, turning)
@@ -221,8 +220,7 @@ class _Line:
         for number, end in ((course.arcs[0], int(course.turned[0])), (course.arcs[-1], 1 - int(course.turned[-1]))):
             found.append(0 if course.closed else words.index(_ending(arcs[number], end, outer)))
         first, last = found[::-1] if self.turned else found
-        parts = (self.points, self.length, self.element, self.velocity, self.swirl, self.values)
-        return _Line(*parts, self.turned, (first, last))
+        return replace(self, ends=(first, last))
 
 
 def _ending(arc: WorldArc, end: int, outer: OuterSides) -> str:
