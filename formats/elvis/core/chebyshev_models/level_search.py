@@ -23,7 +23,6 @@ from elvis.core.chebyshev_models.model_boxes import (
     ElementSeries,
     ModelBoxes,
     ShapeFacets,
-    joined,
 )
 from elvis.core.chebyshev_models.modelled_boxes import Condition, ModelledBoxes, lacking
 from elvis.core.chebyshev_models.series import (
@@ -160,7 +159,7 @@ class LevelSearch:
         centres = self._centres(self.halvings)
         half = 0.5**self.halvings
         for some in np.array_split(centres, -(-len(centres) * len(rows) // _AT_ONCE)):
-            yield joined([self.elements.boxes(rows, centre, half) for centre in some])
+            yield ModelBoxes.joined([self.elements.boxes(rows, centre, half) for centre in some])
 
     def _centres(self, halvings: int) -> Floats:
         """(m, 3) centres of the boxes of a bisected cube that may lie in the shape."""
@@ -221,7 +220,7 @@ class LevelSearch:
         for some in np.array_split(order, -(-len(order) // _AT_ONCE)) if len(order) else []:
             changes = np.flatnonzero((np.diff(centre[some], axis=0) != 0.0).any(axis=1)) + 1
             groups = np.split(some, changes)
-            yield joined([self.elements.boxes(element[rows], centre[rows[0]], half) for rows in groups])
+            yield ModelBoxes.joined([self.elements.boxes(element[rows], centre[rows[0]], half) for rows in groups])
 
     def _leaves(self, boxes: ModelBoxes, count: int) -> BoxLeaves:
         """The leaves of the expression on boxes of one size."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -73,11 +73,6 @@ class ShapeFacets:
         normal, offset = self.facets[:, :3], self.facets[:, 3]
         farthest = centre @ normal.T + half[:, None] * np.abs(normal).sum(axis=1) + offset
         return np.asarray((farthest >= -1e-9).all(axis=1))
-
-
-def joined(parts: list[ModelBoxes]) -> ModelBoxes:
-    """The boxes of several."""
-    return ModelBoxes(*(np.concatenate([getattr(part, own.name) for part in parts]) for own in fields(ModelBoxes)))
 
 
 def half_along(series: Floats, axis: int, side: int) -> Floats:

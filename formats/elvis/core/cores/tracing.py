@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.base.arrays import Bools, Floats, Ints
+from elvis.core.base.arrays import Bools, Floats, Ints, joined_columns
 from elvis.core.cores.search import CoreSearch
 from elvis.core.mapping import pointwise
 from elvis.core.mapping.margins import heights
@@ -173,7 +173,7 @@ class CoreTracing:
             going = going[~over]
         self.failed.update(rows[going].tolist())
         if leaving:
-            numbers, here, way, step = map(np.concatenate, zip(*leaving, strict=True))
+            numbers, here, way, step = joined_columns(leaving)
             last, ways = self._ends(rows[numbers], here, way, step)
             for i, number in enumerate(numbers.tolist()):
                 kept[number].append((last[i], ways[i]))

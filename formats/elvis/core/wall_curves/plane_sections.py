@@ -12,14 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elvis.core.base.arrays import EPS, Bools, Floats, Ints
+from elvis.core.base.arrays import EPS, Bools, Floats, Ints, joined_columns
 from elvis.core.distances.boundaries import side_coefficients
 from elvis.core.distances.surface_patches import CORNERS, SurfacePatches, divided
 from elvis.core.integrals.graphs import roots
 from elvis.core.integrals.reference_cells import Piece
 from elvis.core.mapping import pointwise
 from elvis.core.polynomials.boxnets import halves, nets_through
-from elvis.core.wall_curves.segments import Graphs, Parts, Straight, joined_straight
+from elvis.core.wall_curves.segments import Graphs, Parts, Straight
 
 #: bisections of sides, and tolerance for zero, relative to the largest coordinate
 _DEPTH, _ZERO = 14, 256 * EPS
@@ -55,7 +55,7 @@ def section(pieces: Sequence[Piece], point: Floats, normal: Floats) -> Section:
         found, rest = _graph_parts(sides.part(~is_in_plane))
         graphs.append(_graphs(found, scale))
         touching.append(_places(piece, rest))
-    return Section(graphs, joined_straight(straight), in_plane, np.concatenate(touching))
+    return Section(graphs, Straight.joined(straight), in_plane, np.concatenate(touching))
 
 
 def _distances(number: int, piece: Piece, point: Floats, normal: Floats) -> tuple[Parts, float]:
@@ -112,7 +112,7 @@ def _halved(parts: Parts) -> Parts:
     made = []
     for middle, half in divided(parts.corners):
         made.append((parts.middle + parts.size[:, None] * middle, parts.size * half, parts.piece, parts.row))
-    middle, size, piece, row = map(np.concatenate, zip(*made, strict=True))
+    middle, size, piece, row = joined_columns(made)
     return Parts(parts.corners, middle, size, tables, piece, row)
 
 
@@ -197,7 +197,7 @@ def _flat_edges(sides: Parts, scale: float) -> Straight:
         rows = np.flatnonzero(np.abs(values).max(axis=1, initial=0.0) <= _ZERO * scale)
         ends = (np.tile(end, (len(rows), 1)) for end in (first, last))
         found.append(Straight(sides.piece[rows], sides.row[rows], *ends))
-    return joined_straight(found)
+    return Straight.joined(found)
 
 
 def _places(piece: Piece, parts: Parts) -> Floats:

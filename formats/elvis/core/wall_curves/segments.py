@@ -6,7 +6,6 @@ of a polynomial g on a convex part of a side, where dg/dv has one sign.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -38,7 +37,7 @@ class Segments(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Straight:
+class Straight(Rows):
     """Segments that are straight in reference coordinates.
 
     first, last  (n, k) reference points of the ends
@@ -174,9 +173,3 @@ def _powers(places: Floats, count: int) -> tuple[Floats, Floats]:
     slopes = np.zeros_like(powers)
     slopes[:, 1:] = exponents[1:] * powers[:, :-1]
     return powers, slopes
-
-
-def joined_straight(several: Sequence[Straight]) -> Straight:
-    """Several as one."""
-    arrays = zip(*((own.piece, own.row, own.first, own.last) for own in several), strict=True)
-    return Straight(*map(np.concatenate, arrays))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.base.arrays import Floats, Ints, frozen_floats, frozen_ints
+from elvis.core.base.arrays import Floats, Ints, frozen_floats, frozen_ints, joined_columns
 from elvis.core.base.threads import Once
 from elvis.core.data.dataset import Homogeneous
 from elvis.core.mapping.orientation import even_chunks
@@ -337,7 +337,7 @@ class Elements:
             for rows in np.array_split(np.arange(len(patch)), -(-len(patch) // _CELLS)):
                 cells = Cells.of(patch, self.names, self.attributes, rows, expression.order > 0)
                 found.append(cells.bounds(expression.root))
-        low, high = map(np.concatenate, zip(*found, strict=True))
+        low, high = joined_columns(found)
         return low, high
 
     def _rounding(self, names: tuple[str, ...]) -> Floats:
