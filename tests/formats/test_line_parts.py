@@ -13,13 +13,14 @@ from elvis.core.quantities.expression import Expression
 from elvis.core.shapes import Shape
 from elvis.core.streamlines import marks
 from elvis.core.streamlines.entries import ALONG, ON_SIDE, taking_up
+from elvis.core.streamlines.lines import local_maps
 from elvis.core.streamlines.lines import pieces as line_pieces
 from elvis.core.streamlines.lines.pieces import Pieces, Steps, _curved, check_count, resting
 from elvis.core.streamlines.lines.steps import Piece
 from elvis.core.streamlines.neighbours import Neighbours
 from elvis.core.streamlines.ribbons import _directions, _turned, _with_length, at_seeds
 from elvis.core.streamlines.velocity import Velocity
-from elvis.core.testing import grid
+from elvis.core.testing import curved, grid
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -138,3 +139,36 @@ def test_marks_are_at_equal_lengths_or_times_of_lines_that_are_slower_at_one_end
     assert marks._places(pieces, which, None, reached, "length") == pytest.approx(wanted, abs=1e-9)
     ends = np.tile([3.0, 5.0], (7, 1))
     assert marks._places(pieces, which, ends, 4 + wanted, "time") == pytest.approx(wanted, abs=1e-12)
+
+
+@pytest.mark.parametrize("shape", [Shape.HEXAHEDRON, Shape.TETRAHEDRON, Shape.QUADRILATERAL])
+def test_short_steps_lie_where_the_map_says(shape):
+    """By local polynomials where many steps are close to each other, and by the map itself elsewhere."""
+    mesh = curved(grid(shape, 2), lambda x: x + 0.1 * np.sin(2.0 * x[..., ::-1]), 6)
+    velocity = Velocity(Dataset(mesh), [])
+    rng = np.random.default_rng(3)
+    d = shape.dimension
+    spread = rng.uniform(-1e-4, 1e-4, (60, 15, d))
+    states = np.full((60, 1, d), -0.4) + spread
+    # in a second element, alone in its place, and too long for a cell
+    states[40:58] += 0.05
+    states[58], states[59] = -0.6 + spread[58], -0.4 + 100.0 * spread[59]
+    rows = np.repeat([0, 1, 0], [40, 18, 2])
+    found, errors = local_maps.positions_along(velocity, 0, rows, states, 1e-11)
+    places = velocity.positions(*local_maps.repeated(0, rows, states)).reshape(60, 15, 3)
+    differences = np.abs(found - places).max(axis=(1, 2))
+    assert (errors[:58] > 0).all()
+    assert (errors <= local_maps._PART * 1e-11).all()
+    assert (differences <= errors + 4e-16).all()
+    assert differences[:58].max() > 0
+    assert not errors[58:].any()
+    assert not differences[58:].any()
+    assert not local_maps.positions_along(velocity, 0, rows, states, 1e-16)[1].any()
+
+
+def test_cells_far_from_the_element_are_not_shared():
+    """As a clock may be; keys of cells would be ambiguous."""
+    states = np.zeros((40, 15, 2))
+    states[:, :, 1] = 1e6
+    assert not len(local_maps._cells_of_steps(np.zeros(40, int), states)[0])
+    assert len(local_maps._cells_of_steps(np.zeros(40, int), states / 1e6)[0]) == 40

@@ -22,6 +22,7 @@ from elvis.core.streamlines.dop853 import DEGREE
 from elvis.core.streamlines.endings import End, end_names
 from elvis.core.streamlines.first_roots import before, beyond
 from elvis.core.streamlines.flow_data import FlowSource
+from elvis.core.streamlines.lines.local_maps import positions_along, repeated
 from elvis.core.streamlines.lines.steps import Piece
 from elvis.core.streamlines.tracer import Tracer
 from elvis.core.streamlines.velocity import Velocity
@@ -74,12 +75,12 @@ _HALVES = tuple(
 
 def bernstein_of(points: Floats) -> Floats:
     """(n, 8, 3) control points of curves, from coefficients of powers (n, 8, 3): their hull holds the curve."""
-    return np.asarray(np.einsum("npd,pb->nbd", points, _CONTROL))
+    return np.asarray(_CONTROL.T @ points)
 
 
 def halved(points: Floats) -> Floats:
     """(2 n, 8, 3) coefficients of powers of the first halves of curves (n, 8, 3), then of the second ones."""
-    return np.concatenate([np.einsum("npd,pq->nqd", points, half) for half in _HALVES])
+    return np.concatenate([half.T @ points for half in _HALVES])
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,12 +246,12 @@ def in_patch(velocity: Velocity, number: int, steps: Steps, most: float) -> Piec
         if not len(steps.row):
             break
         nets = steps.nets[:, :, : patch.dimension + velocity.clocks]
-        points, deviation = _image(velocity, number, steps.row, nets)
+        points, deviation = _image(velocity, number, steps.row, nets, most)
         is_done = (deviation <= most) | (halving == _HALVINGS)
         done = np.flatnonzero(is_done)
         reference = np.zeros((len(done), DEGREE + 1, 3))
         own = velocity.in_elements(number, nets[done])
-        reference[:, :, : own.shape[2]] = np.einsum("nbd,bp->npd", own, _BERNSTEIN)
+        reference[:, :, : own.shape[2]] = _BERNSTEIN.T @ own
         length = steps.nets[done, :, -1] @ _BERNSTEIN
         ids = patch.element_ids[steps.row[done]]
         of_lines = steps.line[done], steps.time[done], length
@@ -259,27 +260,22 @@ def in_patch(velocity: Velocity, number: int, steps: Steps, most: float) -> Piec
     return Pieces.joined(found)
 
 
-def _image(velocity: Velocity, number: int, rows: Ints, nets: Floats) -> tuple[Floats, Floats]:
+def _image(velocity: Velocity, number: int, rows: Ints, nets: Floats, most: float) -> tuple[Floats, Floats]:
     """(k, 8, 3) coefficients of powers of the curves in the world, and (k,) how far they may be from the maps."""
     count = len(rows)
     if velocity.is_straight(number):
         # an affine map takes control points to control points
-        places = velocity.positions(*_repeated(number, rows, nets)).reshape(count, -1, 3)
-        return np.einsum("nbd,bp->npd", places, _BERNSTEIN), np.zeros(count)
-    states = np.einsum("qb,nbd->nqd", _VALUES, nets)
-    places = velocity.positions(*_repeated(number, rows, states)).reshape(count, _COUNT, 3)
-    return series_through(places)
+        places = velocity.positions(*repeated(number, rows, nets)).reshape(count, -1, 3)
+        return _BERNSTEIN.T @ places, np.zeros(count)
+    states = _VALUES @ nets
+    places, error = positions_along(velocity, number, rows, states, most)
+    points, deviation = series_through(places)
+    return points, deviation + error
 
 
 def series_through(places: Floats) -> tuple[Floats, Floats]:
     """(k, 8, 3) coefficients of powers from values (k, 15, 3) at `NODES`, and (k,) how far off they may be."""
-    series = np.einsum("kq,nqd->nkd", _SERIES, places)
+    series = _SERIES @ places
     # the dropped terms may be maximal everywhere; the factor 2 covers aliasing of terms beyond the series
     tail = np.linalg.norm(np.abs(series[:, DEGREE + 1 :]).sum(axis=1), axis=1)
-    return np.einsum("nkd,kp->npd", series[:, : DEGREE + 1], _CHEBYSHEV), 2.0 * tail
-
-
-def _repeated(number: int, rows: Ints, states: Floats) -> tuple[Ints, Ints, Floats]:
-    """Patches, rows and reference points (k m, D) of points (k, m, D) in elements (k,)."""
-    every = np.repeat(rows, states.shape[1])
-    return np.full(len(every), number), every, states.reshape(len(every), -1)
+    return _CHEBYSHEV.T @ series[:, : DEGREE + 1], 2.0 * tail
