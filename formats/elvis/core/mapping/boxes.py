@@ -231,23 +231,31 @@ def _ray_meets(points: Floats, way: Floats, boxes: Boxes, rows: Ints, which: Int
 
 def _morton(boxes: Boxes) -> NDArray[np.uint64]:
     """(n,) 63-bit places of the centres along a Z-shaped curve through all of them."""
-    centres = np.empty((len(boxes), 3))
-    for part in chunks(len(boxes), _BOXES_AT_ONCE):
+
+    def centres(part: slice) -> Floats:
         finite = np.isfinite(boxes[part]).all(axis=1, keepdims=True)
         corners = np.where(finite, boxes[part], 0).astype(np.float64)
-        centres[part] = (corners[:, :3] + corners[:, 3:]) / 2
-    return places_on_curve(centres)
+        return np.asarray((corners[:, :3] + corners[:, 3:]) / 2)
+
+    return _places_on_curve(len(boxes), centres)
 
 
 def places_on_curve(points: Floats) -> NDArray[np.uint64]:
     """(n,) 63-bit places of points (n, 3) along a Z-shaped curve through all of them."""
-    if not len(points):
+    return _places_on_curve(len(points), lambda part: points[part])
+
+
+def _places_on_curve(count: int, points_of: Callable[[slice], Floats]) -> NDArray[np.uint64]:
+    """(count,) places of points, which are computed part by part, so that no table holds all of them."""
+    if not count:
         return np.empty(0, np.uint64)
-    low, high = points.min(axis=0), points.max(axis=0)
+    parts = list(chunks(count, _BOXES_AT_ONCE))
+    low = np.min([points_of(part).min(axis=0) for part in parts], axis=0)
+    high = np.max([points_of(part).max(axis=0) for part in parts], axis=0)
     width = np.where(high > low, high - low, 1.0)
-    places = np.empty(len(points), np.uint64)
-    for part in chunks(len(points), _BOXES_AT_ONCE):
-        cells = ((points[part] - low) / width * (2**21 - 1)).astype(np.uint64)
+    places = np.empty(count, np.uint64)
+    for part in parts:
+        cells = ((points_of(part) - low) / width * (2**21 - 1)).astype(np.uint64)
         x, y, z = (_spread(cells[:, axis]) << np.uint64(axis) for axis in range(3))
         places[part] = x | y | z
     return places
