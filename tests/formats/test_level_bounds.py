@@ -8,7 +8,7 @@ import pytest
 from warps import bubble
 
 from elvis.core.data.dataset import Dataset
-from elvis.core.integrals import graph_discs, integrate
+from elvis.core.integrals import graph_discs, integrate, touching
 from elvis.core.integrals.cut_expansions import Expansion
 from elvis.core.integrals.graph_discs import RHOS, PartDiscs, graph_parts
 from elvis.core.integrals.kinks import branches
@@ -266,6 +266,34 @@ def test_discs_of_roots_have_room_for_the_change_of_the_slope():
     found = graph_discs.root_radii(Expansion(coefficients), 0 * one, 0.2 * one)
     assert 1 - np.sqrt(1 - 2 * 0.2) <= found[0, 0] < np.inf
     assert graph_discs.root_radii(Expansion(coefficients), 0 * one, 0.5 * one)[0, 0] == np.inf
+
+
+def test_discs_of_roots_have_room_for_rounding_of_the_slope(monkeypatch):
+    """The root of c t + s = 0 for |s| <= 8 if c, which is 1, is off by a large unit roundoff."""
+    monkeypatch.setattr(graph_discs, "_ROUNDING", 0.125)
+    coefficients = np.zeros((1, 1, 2, 2))
+    coefficients[0, 0, 0, 1] = coefficients[0, 0, 1, 0] = 1.0
+    one = np.ones((1, 1))
+    found = graph_discs.root_radii(Expansion(coefficients), 0 * one, 8 * one)
+    assert 8 / (1 - 0.125) <= found[0, 0] < 12
+
+
+def test_equations_of_straight_surfaces_have_no_mixed_terms():
+    """A factor takes the products of the height with either of the other coordinates out of them."""
+    nets = np.random.default_rng(7).uniform(-0.1, 0.1, (4, 3, 3, 3)) + np.linspace(-1, 1, 3)
+    centres, radii = np.full((4, 3), 0.5), (np.zeros((4, 1)), np.zeros((4, 1)))
+    level, _ = graph_discs._straight(nets, centres, np.ones(4, bool), radii)
+    assert np.abs(graph_discs._mixed(taylor(nets, centres, np.ones_like(centres)))).min() > 1e-3
+    assert np.abs(graph_discs._mixed(level.coefficients)).max() < 1e-14
+
+
+def test_shares_near_zero_are_those_of_lines_and_parabolas():
+    """Lengths of the unit interval in which 2.5 t - 1, and 4 (t - 1/2)^2 - w, are at most w = 0.01."""
+    within = np.full(1, 0.01)
+    by_slope, _ = touching._bounds(np.array([[-1.0, 0.25, 1.5]]), within)
+    _, by_bend = touching._bounds(np.array([[1.0, -1.0, 1.0]]), within)
+    assert by_slope == pytest.approx(0.02 / 2.5, rel=1e-14)
+    assert by_bend == pytest.approx(2 * np.sqrt(0.02 / 4), rel=1e-14)
 
 
 def test_only_upright_graphs_keep_their_height():

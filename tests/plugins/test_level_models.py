@@ -31,6 +31,9 @@ def test_series_of_boxes_are_within_their_errors(shape, centre, half):
     assert (np.abs(values - exact).max(axis=0) <= off + sums.max()).all()
     # inside, errors are rounding, which the corners of a cube around a simplex amplify
     assert half == 1.0 or (off < 1e-9).all()
+    negative, same = series_of(space, -nets, 8, np.array(centre), half)
+    assert np.array_equal(negative, -found)
+    assert np.array_equal(same, off)
 
 
 def test_rounding_of_sums_counts_in_errors_of_series():
