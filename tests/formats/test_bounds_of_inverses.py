@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from elvis.core.chebyshev_models import inverse_maps as inverse_module
 from elvis.core.chebyshev_models.inverse_maps import (
     aliased,
     at_points,
@@ -148,3 +149,22 @@ def test_powers_and_their_order_give_values_of_series():
 def power_sum(count):
     k = np.arange(count)
     return k[:, None, None] + k[:, None] + k
+
+
+def test_bends_are_the_largest_differences_from_the_identity_over_all_boxes():
+    """At the corners of boxes, for straight maps with one bent term, whose magnitude is attained there."""
+    rng = np.random.default_rng(5)
+    own = np.zeros((6, 3, 3, 3, 3))
+    for axis, place in enumerate([(0, 0, 1), (0, 1, 0), (1, 0, 0)]):
+        own[(slice(None), axis, *place)] = rng.uniform(0.9, 1.1, 6)
+    own[:, 0, 0, 1, 1] = rng.uniform(-0.3, 0.3, 6)
+    axes = inverse_module.MARGIN * np.eye(3) * rng.uniform(0.9, 1.1, (6, 1, 1))
+    found = inverse_module._bends(own, axes, 3)
+    bend = np.abs(own[:, 0, 0, 1, 1])
+    for element in range(2):
+        boxes = slice(3 * element, 3 * element + 3)
+        factors = axes[boxes, 0, 0][:, None] / inverse_module.MARGIN
+        straight = [own[boxes, 0, 0, 0, 1], own[boxes, 1, 0, 1, 0], own[boxes, 2, 1, 0, 0]]
+        rows = [np.abs(factors * slope - 1) for slope in straight]
+        rows[0] = rows[0] + 2 * np.abs(factors) * bend[boxes]
+        assert found[boxes] == pytest.approx(np.max(rows, axis=(0, 2)), rel=1e-9)
