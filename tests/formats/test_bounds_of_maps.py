@@ -11,7 +11,6 @@ from numpy.polynomial.chebyshev import chebvander
 
 from elvis.core.cores import turning as core_turning
 from elvis.core.cores.boxes import Boxes as CoreBoxes
-from elvis.core.cores.boxes import _without_walls
 from elvis.core.cores.graphs import by_rotation
 from elvis.core.cores.matrix_ranges import Eigenvalue, MatrixRange
 from elvis.core.cores.outer_sides import OuterSides
@@ -30,7 +29,7 @@ from elvis.core.polynomials.evaluation import evaluate_with_gradients
 from elvis.core.polynomials.expansion import mode_count
 from elvis.core.polynomials.expansion import values as mode_values
 from elvis.core.polynomials.interpolation import modified
-from elvis.core.polynomials.net_zeros import values_of
+from elvis.core.polynomials.net_zeros import values_of, without_walls
 from elvis.core.polynomials.rounding import halving_roundings, raising_roundings, value_roundings
 from elvis.core.quantities.elements.points import ElementPoints
 from elvis.core.shapes import Shape
@@ -370,7 +369,7 @@ def test_walls_are_zero_to_rounding(part):
             moved = np.moveaxis(net, 2 + axis, -1)
             moved[0, 1, 0, 1, -end] = part * 1e-11 * size
             for sign in (1, -1):
-                found = _without_walls(sign * net)
+                found, _ = without_walls(sign * net, np.abs(net).max(axis=(1, 2, 3, 4)))
                 # divided, it doesn't vanish on the side any more
                 at_side = np.abs(np.moveaxis(found, 2 + axis, -1)[..., -end]).min()
                 assert (at_side > 0.4) == (part < 1)
@@ -391,7 +390,8 @@ def test_velocity_at_walls_is_that_divided_by_heights_over_them():
         nets[(rows, *outer[1:])] = 0.0
         heights[rows] *= (1 - places[rows, axis]) if end else places[rows, axis]
     values = np.concatenate([values_of(nets[i : i + 1], places[i : i + 1]) for i in range(len(walls))])
-    found = _without_walls(nets)
+    found, on_side = without_walls(nets, np.abs(nets).max(axis=(1, 2, 3, 4)))
+    assert np.array_equal(on_side, walls)
     divided = np.concatenate([values_of(found[i : i + 1], places[i : i + 1]) for i in range(len(walls))])
     assert heights[:, None] * divided == pytest.approx(values, rel=1e-12, abs=1e-13)
     assert np.array_equal(found[~walls.any(axis=(1, 2))], nets[~walls.any(axis=(1, 2))])

@@ -37,7 +37,7 @@ def without_walls(nets: Floats, sizes: Floats) -> tuple[Floats, Bools]:
 
     Returns the nets, and (k, d, 2) whether all components are zero on the lower and upper side along each axis.
     """
-    d, degree = nets.ndim - 2, nets.shape[-1] - 1
+    d = nets.ndim - 2
     nets, on_side = nets.copy(), np.zeros((len(nets), d, 2), bool)
     for axis in range(d):
         for end in (0, 1):
@@ -45,7 +45,7 @@ def without_walls(nets: Floats, sizes: Floats) -> tuple[Floats, Bools]:
             moved = moved[..., ::-1] if end else moved
             rest = np.abs(moved[..., 0]).max(axis=tuple(range(1, d + 1)), initial=0.0) <= _ZERO * sizes
             on_side[:, axis, end] = rest
-            quotient = divided(moved[rest], degree)
+            quotient = divided(moved[rest], moved.shape[-1] - 1)
             nets[rest] = np.moveaxis(quotient[..., ::-1] if end else quotient, -1, 2 + axis)
     return nets, on_side
 
