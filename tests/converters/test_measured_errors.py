@@ -17,11 +17,6 @@ from elvis.plugins.command.command import main
 
 
 @pytest.fixture(scope="module")
-def ngsolve():
-    return pytest.importorskip("ngsolve")
-
-
-@pytest.fixture(scope="module")
 def disk(ngsolve):
     geom2d = pytest.importorskip("netgen.geom2d")
     geometry = geom2d.SplineGeometry()

@@ -10,7 +10,7 @@ import numpy as np
 
 from elvis.converters.vtk.cells import BEZIER, LAGRANGE, Cell, Kind, shape_of
 from elvis.converters.vtk.files import Grid
-from elvis.core.base.arrays import Bools, Floats, Ints, distinct_bits
+from elvis.core.base.arrays import Bools, Floats, Ints, distinct_bits, starts_of
 from elvis.plugins.conversion.nodal import NodalValues
 
 #: vertices of cells coincide if they are as near as this, as a share of the extent of the cells
@@ -111,7 +111,7 @@ def drop_copies(parts: Sequence[Part]) -> int:
         tables = [np.sort(numbers[starts[i] : starts[i + 1]].reshape(parts[i].nodes.shape), axis=1) for i in alike]
         is_first = np.zeros(sum(map(len, tables)), bool)
         is_first[distinct_bits(np.concatenate(tables))[0]] = True
-        for i, kept in zip(alike, np.split(is_first, np.cumsum(list(map(len, tables)))[:-1]), strict=True):
+        for i, kept in zip(alike, np.split(is_first, starts_of(tables)[1:-1]), strict=True):
             parts[i].keep(kept)
         dropped += int((~is_first).sum())
     return dropped
@@ -132,11 +132,11 @@ class PartsByPlace:
         self._found.setdefault(self._cell(_mean(parts)), []).append(parts)
 
     def coincident(self, parts: Sequence[Part]) -> list[Part] | None:
-        """A list whose cells coincide with those of parts."""
+        """A list with the same cells as these parts."""
         return next((each for each in self._near(parts) if _coincide(each, parts)), None)
 
     def _near(self, parts: Sequence[Part]) -> Iterator[list[Part]]:
-        """The lists whose mean may be as near to that of others as that of parts that coincide."""
+        """The lists whose means are so near to the mean of these parts that the cells may coincide."""
         corners = product((-self._margin, self._margin), repeat=3)
         cells = dict.fromkeys(self._cell(_mean(parts) + np.array(corner)) for corner in corners)
         return (each for cell in cells for each in self._found.get(cell, ()))

@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.base.arrays import EPS, Bools, Floats, Ints
+from elvis.core.base.arrays import EPS, Bools, Floats, Ints, corners_of
 from elvis.core.mapping.orientation import chunks
 from elvis.core.mapping.patch import Patch
 from elvis.core.polynomials.bernstein import bernstein_coefficients, bernstein_space
@@ -250,8 +250,7 @@ def _places_on_curve(count: int, points_of: Callable[[slice], Floats]) -> NDArra
     if not count:
         return np.empty(0, np.uint64)
     parts = list(chunks(count, _BOXES_AT_ONCE))
-    low = np.min([points_of(part).min(axis=0) for part in parts], axis=0)
-    high = np.max([points_of(part).max(axis=0) for part in parts], axis=0)
+    low, high = corners_of(*(corners_of(points_of(part)) for part in parts))
     width = np.where(high > low, high - low, 1.0)
     places = np.empty(count, np.uint64)
     for part in parts:

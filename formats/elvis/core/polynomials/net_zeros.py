@@ -13,8 +13,9 @@ _ZERO = 1e-11
 _STEPS, _SHORT, BEYOND = 12, 1e-13, 1e-9
 
 
-def divided(nets: Floats, degree: int) -> Floats:
-    """(…, degree + 1) nets of polynomials, zero at the start of the last axis, divided by t, in the old degree."""
+def divided(nets: Floats) -> Floats:
+    """Nets (…, degree + 1) of polynomials, zero at the start of the last axis, divided by t, in the old degree."""
+    degree = nets.shape[-1] - 1
     order = np.arange(1, degree + 1)
     return _raised(nets[..., 1:] * (degree / order))
 
@@ -31,7 +32,7 @@ def _raised(nets: Floats) -> Floats:
 def without_walls(nets: Floats, sizes: Floats) -> tuple[Floats, Bools]:
     """Nets of vectors divided by the heights over sides of boxes where these are zero, as on walls.
 
-    The directions of the vectors are unchanged, and so are those of products with the gradient.
+    The vectors and their products with the gradient keep their directions.
 
     sizes  (k,) largest coefficients, to which zeros are relative
 
@@ -45,7 +46,7 @@ def without_walls(nets: Floats, sizes: Floats) -> tuple[Floats, Bools]:
             moved = moved[..., ::-1] if end else moved
             rest = np.abs(moved[..., 0]).max(axis=tuple(range(1, d + 1)), initial=0.0) <= _ZERO * sizes
             on_side[:, axis, end] = rest
-            quotient = divided(moved[rest], moved.shape[-1] - 1)
+            quotient = divided(moved[rest])
             nets[rest] = np.moveaxis(quotient[..., ::-1] if end else quotient, -1, 2 + axis)
     return nets, on_side
 

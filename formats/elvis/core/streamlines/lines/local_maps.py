@@ -1,7 +1,8 @@
 """World positions of short steps of lines, by local polynomials of the map (local re-expansion).
 
 Lines that nearly come to rest take thousands of steps within a small part of an element.  On such a part few terms of
-the map's Chebyshev series suffice.  They are interpolated once for all steps there; the other terms bound their error.
+the map's Chebyshev series suffice.  They are interpolated once for all steps there; the other terms estimate their
+error.
 """
 
 from __future__ import annotations
@@ -11,7 +12,8 @@ from functools import cache
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from elvis.core.base.arrays import Floats, Ints
+from elvis.core.base.arrays import Floats, Ints, grid_points
+from elvis.core.polynomials import chebyshev_nodes
 from elvis.core.streamlines.velocity import Velocity
 
 #: half width of cells in the coordinates of an element, and distance of their centres
@@ -81,11 +83,9 @@ def _cells_of_steps(rows: Ints, states: Floats) -> tuple[Ints, Ints, tuple[Ints,
 def _series_of_cells(velocity: Velocity, number: int, rows: Ints, centres: Floats) -> tuple[Floats, Floats]:
     """(c, terms, 3) coefficients of local polynomials of the map on cells, and (c,) their errors."""
     dimension = centres.shape[1]
-    nodes = chebyshev.chebpts1(_POINTS)
-    lattice = np.stack(np.meshgrid(*[nodes] * dimension, indexing="ij"), axis=-1).reshape(-1, dimension)
-    points = centres[:, None] + _HALF * lattice
+    nodes, to_series = chebyshev_nodes.series(_POINTS - 1)
+    points = centres[:, None] + _HALF * grid_points(*[nodes] * dimension)
     values = velocity.positions(*repeated(number, rows, points)).reshape(len(rows), *[_POINTS] * dimension, 3)
-    to_series = np.linalg.inv(chebyshev.chebvander(nodes, _POINTS - 1))
     for axis in range(1, dimension + 1):
         values = np.moveaxis(np.tensordot(to_series, values, axes=(1, axis)), 0, axis)
     series = values.reshape(len(rows), _POINTS**dimension, 3)
