@@ -183,7 +183,7 @@ NUMBERED_SIDES = {
 
 @pytest.mark.parametrize("number", NUMBERED_SIDES)
 def test_sides_may_be_named_by_cells_and_their_numbers(tmp_path, number):
-    """Files of IOSS: sections of sides whose vertices are all 0, with parents; sides are those of the vertices."""
+    """Files of IOSS: sections of sides whose vertices are all 0, with parents, name the same sides as vertices do."""
     corners = nodes_of_type(number)
     rng = np.random.default_rng(number)
     points = np.asarray(corners, np.float64) + rng.uniform(-0.1, 0.1, corners.shape)

@@ -79,14 +79,14 @@ $EndElements
 
 
 def vtk_pieces(folder, count):
-    """Squares in a row, each in a file of its own, named as those of a process."""
+    """Squares in a row, one in each file; each file is named as that of a process."""
     for i in range(count):
         places = " ".join(f"{x + i} {y} 0" for x, y in SQUARE)
         yield write(folder / f"a_p{i}_000000.vtu", VTU.format(places=places))
 
 
 def mfem_pieces(folder, count):
-    """Squares in a row, each in a file of its own, with a function in another."""
+    """Squares in a row, one in each file, and its function in another file."""
     for i in range(count):
         places = "\n".join(f"{x + i} {y}" for x, y in SQUARE)
         yield write(folder / f"mesh.{i:06d}", MESH.format(places=places, number=i))
@@ -94,7 +94,7 @@ def mfem_pieces(folder, count):
 
 
 def gmsh_pieces(folder, count):
-    """Squares in a row, each a partition in a file of its own."""
+    """Squares in a row, one partition in each file."""
     for i in range(count):
         numbers = [2 * (x + i) + y + 1 for x, y in SQUARE]
         nodes = "\n".join(f"{number} {x + i} {y} 0" for number, (x, y) in zip(numbers, SQUARE, strict=True))

@@ -152,7 +152,7 @@ def power_sum(count):
 
 
 def test_bends_are_the_largest_differences_from_the_identity_over_all_boxes():
-    """At the corners of boxes, for straight maps with one bent term, whose magnitude is attained there."""
+    """A straight map with one bent term bends most at a corner of its box."""
     rng = np.random.default_rng(5)
     own = np.zeros((6, 3, 3, 3, 3))
     for axis, place in enumerate([(0, 0, 1), (0, 1, 0), (1, 0, 0)]):

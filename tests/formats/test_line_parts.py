@@ -143,7 +143,7 @@ def test_marks_are_at_equal_lengths_or_times_of_lines_that_are_slower_at_one_end
 
 @pytest.mark.parametrize("shape", [Shape.HEXAHEDRON, Shape.TETRAHEDRON, Shape.QUADRILATERAL])
 def test_short_steps_lie_where_the_map_says(shape):
-    """By local polynomials where many steps are close to each other, and by the map itself elsewhere."""
+    """Local polynomials serve many steps that are close to each other; the map itself serves the others."""
     mesh = curved(grid(shape, 2), lambda x: x + 0.1 * np.sin(2.0 * x[..., ::-1]), 6)
     velocity = Velocity(Dataset(mesh), [])
     rng = np.random.default_rng(3)

@@ -116,7 +116,7 @@ def rays():
 
 @pytest.fixture(scope="module")
 def traced(functions):
-    """What the kernel finds for rays."""
+    """The kernel's results for rays."""
     kernel = functions("volume_trace")
 
     def traced(rays):

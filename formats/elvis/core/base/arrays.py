@@ -73,12 +73,12 @@ def concatenated(arrays: Sequence[NDArray[Number]], axis: int = 0) -> NDArray[Nu
 
 
 def joined_ints(parts: Iterable[NDArray[Any]]) -> Ints:
-    """Whole numbers of arrays (n,) one after another, of which there may be none."""
+    """Arrays (n,) of whole numbers as one array; an empty one if there are none."""
     return np.concatenate([np.empty(0, np.int64), *parts])
 
 
 def joined_floats(parts: Iterable[NDArray[Any]]) -> Floats:
-    """Numbers of arrays (n,) one after another, of which there may be none."""
+    """Arrays (n,) of numbers as one array; an empty one if there are none."""
     return np.concatenate([np.empty(0), *parts])
 
 
@@ -88,7 +88,7 @@ def starts_of(parts: Iterable[Sized]) -> Ints:
 
 
 def joined_columns(rows: Iterable[Sequence[NDArray[Any]]]) -> tuple[NDArray[Any], ...]:
-    """Columns that stand in rows, each column's arrays as one."""
+    """The arrays of each column of a table, joined."""
     return tuple(np.concatenate(column) for column in zip(*rows, strict=True))
 
 
@@ -98,7 +98,7 @@ def grid_points(*lines: Any) -> NDArray[Any]:
 
 
 def every_pair(rows: Ints, points: Floats) -> tuple[Ints, Floats]:
-    """(n k,) rows and (n k, d) points: each of rows (n,) with each of points (k, d), those of a row together."""
+    """(n k,) rows and (n k, d) points: all pairs of rows (n,) and points (k, d), row by row."""
     return np.repeat(rows, len(points)), np.tile(points, (len(rows), 1))
 
 
@@ -282,7 +282,7 @@ _ROWS_AT_ONCE = 1 << 16
 
 
 def _packed(columns: Ints, base: int) -> NDArray[np.uint64]:
-    """(n,) numbers with the digits ``columns`` (k, n) to a base; in their order, where the digits are too many."""
+    """(n,) numbers with the digits ``columns`` (k, n) to a base; if 64 bits are too few, numbers in the same order."""
     fits = base ** len(columns) < 1 << 64
     keys: NDArray[np.uint64] = columns[0].astype(np.uint64)
     for column in columns[1:]:

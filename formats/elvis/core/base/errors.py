@@ -23,7 +23,7 @@ class ElvisError(Exception):
 
 
 def fault_sentence(error: Exception) -> str:
-    """The message of an error of ours; for others that it is unforeseen."""
+    """The message of an ElvisError; for other errors, a sentence that calls them a bug."""
     if isinstance(error, ElvisError):
         return str(error)
     what = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__

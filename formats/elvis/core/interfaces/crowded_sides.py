@@ -38,7 +38,7 @@ def shares(chosen: Ints, count: int) -> Iterator[Ints]:
 
 
 def surplus(sizes: NDArray[Any], others: NDArray[Any]) -> NDArray[Any]:
-    """By how much the boxes of ``others`` are too large for sides of some sizes.
+    """The excess of the enlarged boxes of ``others`` over the reach of sides of some sizes.
 
     Boxes are enlarged by `NEAR` of their own side's size, but sides are near one another by the smaller of both sizes:
     faces of a mesh that is one element deep would else be near all narrow faces of a wall.

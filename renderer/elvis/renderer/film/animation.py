@@ -228,6 +228,6 @@ class Film:
 
 
 def _unless_damaged(series: Series, moment: Moment, read: Callable[[Moment], Read]) -> Read | None:
-    """What is read of a moment; None where that is a step that can't be read."""
+    """The data of a moment; None if its step can't be read."""
     is_damaged = moment.step is not None and bool(series.fault(moment.step))
     return None if is_damaged else read(moment)

@@ -76,7 +76,7 @@ class PointLines:
         return np.repeat(np.arange(len(self)), np.diff(self.offsets))
 
     def coordinates(self) -> Columns:
-        """Arrays (m,) by name: x, y, z, and those of `at_points` without ``values``, velocity_x, … for the velocity."""
+        """Arrays (m,) by name: x, y, z and the columns `AT_POINTS`; a vector has a column for each component."""
         found = dict(zip("xyz", self.points.T, strict=True))
         for name in self.AT_POINTS:
             column = getattr(self, name)
