@@ -16,8 +16,10 @@ from elvis.core.testing import grid
 from elvis.renderer.device.device import Device
 from elvis.renderer.device.errors import DeviceError
 from elvis.renderer.device.kernels import cache as kernel_cache
+from elvis.renderer.device.kernels import elsewhere
 from elvis.renderer.device.kernels.cache import KernelCache
 from elvis.renderer.raster.compositing import FragmentLists
+from elvis.viewer import drawing_process
 
 COLOR = (0.25, 0.5, 0.75)
 #: a process that compiles a kernel, and says how many were at hand
@@ -112,6 +114,74 @@ def test_damaged_kernels_are_moved_aside_and_recompiled(process, compose, tmp_pa
     assert [path.read_bytes() for path in kept(tmp_path, "damaged")] == [wrong]
     process()
     assert compose() == (1, 0, [])
+
+
+@pytest.fixture
+def compilers(monkeypatch):
+    """The process that compiles for this one, in a list."""
+    found = []
+    monkeypatch.setattr(elsewhere, "_compilers", found)
+    elsewhere.compile_elsewhere()
+    yield found
+    found[0].close()
+
+
+@pytest.mark.parametrize("place", ["folder", "/dev/null/here"])
+def test_another_process_compiles_kernels(process, compose, compilers, tmp_path, place):
+    home = tmp_path / place
+    process(home)
+    assert compose()[:2] == (1, 0)
+    assert len(kept(home)) == (place == "folder")
+
+
+def test_a_known_kernel_starts_no_process(process, compose, compilers, tmp_path):
+    process(tmp_path)
+    compose()
+    compilers[0].close()
+    process()
+    assert compose() == (1, 0, [])
+    assert compilers[0]._process is None
+
+
+@pytest.mark.parametrize("program", ["/bin/false", "/nowhere/python"])
+def test_kernels_are_compiled_here_without_the_other_process(
+    process, compose, compilers, tmp_path, monkeypatch, program
+):
+    monkeypatch.setattr(sys, "executable", program)
+    process(tmp_path)
+    assert compose() == (0, 1, [])
+    assert compilers[0]._process is None
+
+
+def test_the_other_process_starts_again_after_its_end(process, compose, compilers, tmp_path):
+    for number in range(2):
+        process(tmp_path / str(number))
+        assert compose() == (1, 0, [])
+        compilers[0]._process.kill()
+        compilers[0]._process.wait()
+
+
+def test_the_other_process_ends_when_idle():
+    program = f"from {elsewhere.__name__} import serve; from {elsewhere.__name__.rpartition('.')[0]} import elsewhere;"
+    program += "elsewhere.IDLE = 0.1; serve()"
+    with subprocess.Popen([sys.executable, "-c", program], stdin=subprocess.PIPE) as done:
+        assert done.wait(60) == 0
+
+
+def test_errors_of_kernels_are_found_here(process, compilers, renderer, tmp_path):
+    renderer("vulkan")
+    process(tmp_path)
+    (tmp_path / "wrong_draw.slang").write_text("import nothing;")
+    with Device("vulkan") as device:
+        device.include(tmp_path)
+        with pytest.raises(DeviceError, match="nothing"):
+            device.kernel("wrong_draw")
+
+
+def test_the_process_that_draws_has_its_kernels_compiled_elsewhere(compilers):
+    compilers.clear()
+    drawing_process._import_ahead()
+    assert len(compilers) == 1
 
 
 @pytest.mark.parametrize("place", ["a file", "a device"])

@@ -48,7 +48,7 @@ class KernelFunctions:
         before = device._folders[-1]
         device.include(folder)
         self._device = device
-        self._kernel = device._link(stage, OF_POLYNOMIALS + exports)
+        self._kernel = device.link(stage, OF_POLYNOMIALS + exports)
         device.include(before)
 
     def __call__(self, rows, count, **given):

@@ -96,6 +96,10 @@ def _import_ahead() -> None:
     import elvis.plugins.data.data
     import elvis.renderer.frame.rendering
     import elvis.scene.figure.saving  # noqa: F401
+    from elvis.renderer.device.kernels.elsewhere import compile_elsewhere
+
+    # questions are answered while kernels are compiled
+    compile_elsewhere()
 
 
 class _OpenedOnce:

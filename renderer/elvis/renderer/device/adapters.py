@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from elvis.core.base.memory import c_library
 from elvis.core.base.terminal import note
+from elvis.renderer.device.compiled_modules import LinkedKernels
 from elvis.renderer.device.diagnostics import errors_alone
 from elvis.renderer.device.drawing import slangpy_module
 from elvis.renderer.device.errors import DeviceError
@@ -228,8 +229,10 @@ def open_adapter(adapter: Adapter) -> slangpy.Device:
     return device
 
 
-def compiler(device: slangpy.Device, adapter: Adapter, folders: Sequence[Path]) -> slangpy.SlangSession:
-    """A session of the Slang compiler for an open device, which finds modules in these folders.
+def compiler(
+    device: slangpy.Device, adapter: Adapter, folders: Sequence[Path]
+) -> tuple[slangpy.SlangSession, LinkedKernels]:
+    """A session of the Slang compiler for an open device, which finds modules in these folders, and its kernels.
 
     DeviceError if the environment requests an unknown level.
     """
@@ -243,10 +246,10 @@ def compiler(device: slangpy.Device, adapter: Adapter, folders: Sequence[Path]) 
     options.optimization = slangpy.SlangOptimizationLevel[level]
     kept = kernel_cache().modules.place(slangpy.__version__, adapter.kind, level, *map(str, folders))
     try:
-        return device.create_slang_session(options, cache_path=kept)
+        return device.create_slang_session(options, cache_path=kept), LinkedKernels(kept)
     except RuntimeError:
         # its folders can't be made
-        return device.create_slang_session(options)
+        return device.create_slang_session(options), LinkedKernels(None)
 
 
 def _has(device: slangpy.Device, feature: str) -> bool:

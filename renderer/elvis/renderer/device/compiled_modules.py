@@ -25,6 +25,8 @@ from elvis.core.files.output import write_text
 MOST_BYTES = 48 << 20
 #: how files end: modules, and their checksums
 _MODULE, _CHECKSUM = ".slang-module", ".sha256"
+#: how the empty files end that are named after linked kernels
+_LINKED = ".linked"
 #: bytes of a RIFF file that precede the counted ones
 _HEAD = 8
 #: seconds after which what a process that was ended has left is removed
@@ -91,6 +93,26 @@ class CompiledModules:
         return damaged
 
 
+class LinkedKernels:
+    """Names of kernels that were linked before, as empty files next to the modules.
+
+    They say that a kernel is probably cached; nothing relies on it.
+    """
+
+    def __init__(self, folder: Path | None) -> None:
+        self._folder = folder
+
+    def is_known(self, name: str) -> bool:
+        """Whether a kernel of this name was linked before."""
+        return self._folder is not None and (self._folder / f"{name}{_LINKED}").exists()
+
+    def note(self, name: str) -> None:
+        """Remember a name, if there is a folder."""
+        if self._folder is not None and not self.is_known(name):
+            with suppress(OSError):
+                (self._folder / f"{name}{_LINKED}").touch()
+
+
 def _modules(folder: Path) -> Iterator[Path]:
     """The files of modules in a folder, and in those in it."""
     return folder.rglob(f"*{_MODULE}")
@@ -131,7 +153,7 @@ def _remove_unused(kept_in: Path, used: set[Path]) -> None:
         for path in folder.rglob("*.*"):
             with suppress(OSError):
                 about = path.stat()
-                is_stale = path.suffix not in (_MODULE, _CHECKSUM) and about.st_mtime < time.time() - _HOUR
+                is_stale = path.suffix not in (_MODULE, _CHECKSUM, _LINKED) and about.st_mtime < time.time() - _HOUR
                 room -= about.st_size
                 if is_stale and path.is_file():
                     path.unlink()

@@ -16,9 +16,11 @@ from elvis.core.base.memory import size_text
 from elvis.plugins.runtime.volume import Part, Quantity, interface_folder
 from elvis.renderer.device.adapters import Adapter, compiler, open_device, reach_of
 from elvis.renderer.device.announcing import Announcement
+from elvis.renderer.device.compiled_modules import LinkedKernels
 from elvis.renderer.device.diagnostics import compiling
 from elvis.renderer.device.errors import DeviceError, DeviceLostError
 from elvis.renderer.device.kernels.cache import KernelCache, kernel_cache
+from elvis.renderer.device.kernels.elsewhere import Elsewhere
 from elvis.renderer.device.kernels.failures import naming_what_fails
 from elvis.renderer.device.layouts import dtype_of
 from elvis.renderer.device.leaf_types import enclosure_of, leaves, leaves_along_rays, works_together
@@ -76,10 +78,11 @@ class Device:
         self.reach = reach_of(self.adapter, choice.device)
         self.cache = kernel_cache()
         self._announcement = Announcement(self.cache, self.adapter.software)
-        keep = _keeping(choice.device, self.cache, self._announcement)
+        self._elsewhere = Elsewhere(self.adapter, self.cache.private)
+        keep = _keeping(choice.device, self.cache, self._announcement, self._elsewhere)
         self.watch = Watch(choice.device.is_submit_finished, choice.device.wait_for_idle, keep)
         self._folders = [*SHADERS, interface_folder()]
-        self._session: slangpy.SlangSession | None = None
+        self._compiler: tuple[slangpy.SlangSession, LinkedKernels] | None = None
         self._kernels: dict[tuple[str, ...], Kernel] = {}
         self._readable = Pool(self._create_readable)
         # software shares its memory with the host, which writes and reads it in place
@@ -111,7 +114,7 @@ class Device:
         self._kernels.clear()
         for pool in self._pools:
             pool.close()
-        self._session, self.watch = None, Watch.none()
+        self._compiler, self.watch = None, Watch.none()
         device, self._opened = self._opened, None
         if device is not None:
             device.close()
@@ -125,8 +128,12 @@ class Device:
     def include(self, folder: Path) -> None:
         """Let kernels import the Slang modules of a plugin in this folder, and of no other plugin."""
         if folder != self._folders[-1]:
-            self._folders = [*SHADERS, interface_folder(), folder]
-            self._session = None
+            self.find_modules_in([*SHADERS, interface_folder(), folder])
+
+    def find_modules_in(self, folders: list[Path]) -> None:
+        """Let kernels import the Slang modules of these folders."""
+        if folders != self._folders:
+            self._folders, self._compiler = folders, None
 
     def buffer(self, data: NDArray[Any]) -> Buffer:
         """A buffer that holds the data; an empty array makes a buffer of one element."""
@@ -222,7 +229,7 @@ class Device:
         if key not in self._kernels:
             self._announcement.expect()
             with compiling():
-                self._kernels[key] = self._link(stage, source)
+                self._kernels[key] = self.link(stage, source)
         return self._kernels[key]
 
     def _sharing_lanes(self, stage: str, chosen: Part | Quantity) -> int:
@@ -239,15 +246,25 @@ class Device:
         self.kernel("wave_lanes")(1, {"lane_count": found}, groups=True)
         return int(self.read(found, np.uint32)[0]) >= SHARING_LANES
 
-    def _link(self, stage: str, source: str) -> Kernel:
+    def link(self, stage: str, source: str) -> Kernel:
         """Stage and element type meet here: the stage's ``extern struct TheVolume`` becomes the type."""
-        if self._session is None:
-            self._session = compiler(self._device, self.adapter, self._folders)
-        entry, name = self._session.load_module(stage), f"{stage}_{crc32(source.encode()):08x}"
-        own = self._session.load_module_from_source(name, source)
-        program = self._session.link_program([entry, own], [entry.entry_point(stage.rsplit("_", maxsplit=1)[-1])])
+        if self._compiler is None:
+            self._compiler = compiler(self._device, self.adapter, self._folders)
+        session, linked = self._compiler
+        name = f"{stage}_{crc32(source.encode()):08x}"
+        if not linked.is_known(name):
+            self._elsewhere.make(self._folders, stage, source)
+        entry = session.load_module(stage)
+        own = session.load_module_from_source(name, source)
+        program = session.link_program([entry, own], [entry.entry_point(stage.rsplit("_", maxsplit=1)[-1])])
         with naming_what_fails(stage, self._folders, self.adapter):
-            return Kernel(self._device, program, self.watch, self.adapter)
+            kernel = Kernel(self._device, program, self.watch, self.adapter)
+        linked.note(name)
+        return kernel
+
+    def finish_writing(self) -> None:
+        """Wait until all compiled kernels are in the database, to which slangpy writes in a thread."""
+        _ = self._device.shader_cache_stats
 
     def appended(self, name: str, kernel: Kernel, run: Callable[[dict[str, Buffer]], None]) -> NDArray[Any]:
         """Entries that a kernel appends to the buffer ``name`` and counts in ``count``.
@@ -396,13 +413,15 @@ def _usage() -> slangpy.BufferUsage:
     return usage | slangpy.BufferUsage.copy_source | slangpy.BufferUsage.copy_destination
 
 
-def _keeping(device: slangpy.Device, cache: KernelCache, announcement: Announcement) -> Callable[[float], None]:
+def _keeping(
+    device: slangpy.Device, cache: KernelCache, announcement: Announcement, elsewhere: Elsewhere
+) -> Callable[[float], None]:
     """A function that caches kernels compiled since its last call; it receives the seconds that this took."""
     kept = 0
 
     def keep(seconds: float) -> None:
         nonlocal kept
-        compiled = device.shader_cache_stats.miss_count
+        compiled = device.shader_cache_stats.miss_count + elsewhere.made
         if compiled > kept:
             kept = compiled
             announcement.note(seconds)

@@ -36,19 +36,22 @@ class KernelCache:
     modules  compiled modules of the kernels
     """
 
-    def __init__(self, kept_in: Path | None) -> None:
-        """Copy cached kernels to a private folder."""
-        self._store = None if kept_in is None else _store(kept_in)
+    def __init__(self, kept_in: Path | None, lent: Path | None = None) -> None:
+        """Copy cached kernels to a private folder.
+
+        lent  the private folder of another process, which caches what this one adds to it
+        """
+        self._store = None if kept_in is None or lent is not None else _store(kept_in)
         self._until_exit = ExitStack()
         self.remarks: list[str] = []
         self.modules = CompiledModules(None if kept_in is None else kept_in.with_name("modules"), self.remarks)
         self._known: dict[bytes, Path] = {}
         if kept_in is None:
             self.remarks.append("compiled kernels are not cached: neither a home folder nor XDG_CACHE_HOME exists")
-        self.private = self._private_folder()
+        self.private = lent or self._private_folder()
         if self.private is None:
             self.remarks.append("compiled kernels are cached in memory only: no temporary folder has room for them")
-        else:
+        elif lent is None:
             self._fill(self.private)
 
     @property
@@ -147,6 +150,12 @@ def kernel_cache() -> KernelCache:
     if key not in _caches:
         _caches[key] = KernelCache(key[1])
     return _caches[key]
+
+
+def work_on(database: Path) -> None:
+    """Let this process compile kernels into the database of another one."""
+    kept_in = cache_folder("kernels")
+    _caches[os.getpid(), kept_in] = KernelCache(kept_in, database)
 
 
 @atexit.register
