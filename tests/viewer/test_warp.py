@@ -9,7 +9,7 @@ from driving import change, settled
 
 from elvis import Camera, Plane, Sphere, read, render
 from elvis.renderer.device.drafts import drafted
-from elvis.scene import CutSurface, MeshLines, Style
+from elvis.scene import Contours, CutSurface, MeshLines, Style
 from elvis.viewer.depths import PARTS_OF_PIXEL, STEPS, depths_of, motion_of
 
 #: size and colours, in base64, of the moved picture, of the one that it is made of, or of the picture itself
@@ -123,6 +123,20 @@ def test_lines_of_drafts_are_segments(scene, tmp_path):
     parts = np.cumsum(numbers[: columns * rows].reshape(rows, columns), axis=1, dtype=np.uint16)
     step = facts["step"]
     assert np.array_equal(parts > 0, np.isfinite(draft.depth[::step, ::step]))
+
+
+@pytest.mark.parametrize("style", [Style(contours=Contours(count=5)), Style(mesh_lines=MeshLines(width=2.0))])
+def test_lines_of_drafts_have_finite_depths(scene, style):
+    """Lines next to silhouettes, and of the surface that others do not cover, have depths within the data."""
+    planes = (Plane((0.5, 0.5, 0.3), (0.1, 0.2, 1.0)), Plane((0.5, 0.5, 0.6), (-0.1, 0.3, 1.0)))
+    cuts = tuple(CutSurface(plane, style) for plane in planes)
+    with drafted(segments=True):
+        draft = render(read(*scene.data), "u", objects=cuts, camera="iso", size=(32, 24), outline=True)
+    facts, _ = motion_of(draft)
+    assert facts["lines"]
+    seen = draft.depth[np.isfinite(draft.depth)]
+    room = 0.5 * np.ptp(seen)
+    assert seen.min() - room <= facts["low"] < facts["high"] <= seen.max() + room
 
 
 def test_the_outline_of_the_domain_moves_apart_from_the_picture(page, viewer):

@@ -46,6 +46,8 @@ class StrokeStyle:
     labels: bool = False
 
 
+#: short lines of one object: starts and ends (n, 2), the pixels (n,) that they lie on, and their depths (n,) there
+ShortLines: TypeAlias = tuple[Floats, Floats, Ints, Floats]
 #: number of what a scene draws, and of its lines among them: borders are 0, contours follow by their values
 Place: TypeAlias = tuple[int, int]
 #: short lines of one style, by their owners: starts and ends (n, 2), and in drafts depths of both (n, 2)
@@ -111,12 +113,13 @@ class Tracer:
         if self.painter.scene.undeformed == "outline":
             self._outline([one for one in drawn if one[0].ghost is not None], view, own, GREY, shown)
 
-    def _borders(self, view: View, hits: HitBuffer, side: NDArray[np.uint32], of: Lines) -> tuple[Floats, Floats, Ints]:
+    def _borders(self, view: View, hits: HitBuffer, side: NDArray[np.uint32], of: Lines) -> ShortLines:
         """Short lines around all pixels of one side."""
         shape = view.height, view.width
         marks = of.mesh(view, hits, WIDE_OF_DRAFTS if is_draft() else WIDE)
         owner = np.where(hits.owner == NOBODY, -1, side.astype(np.int64)).reshape(shape)
-        return borders(owner, marks.distance.reshape(shape), hits.depth.reshape(shape), view.first)
+        lines = borders(owner, marks.distance.reshape(shape), hits.depth.reshape(shape), view.first)
+        return *lines, hits.depth[lines[2]]
 
     def _outline(self, drawn: Drawn, view: View, own: Bools, color: Vector, before: Drawn | None = None) -> None:
         """The border of all pixels of some surfaces; distances to borders refer to the nearest one.
@@ -133,7 +136,8 @@ class Tracer:
         seen = np.where(np.isfinite(depth), 0, -1).reshape(shape)
         lines = borders(seen, distance.reshape(shape), depth.reshape(shape), view.first)
         style = StrokeStyle(OUTLINE, color, 1.0, None)
-        self._keep(style, (len(self.draw_calls), 0), lines, before or [], drawn[0][1], view, own)
+        outline = *lines, depth[lines[2]]
+        self._keep(style, (len(self.draw_calls), 0), outline, before or [], drawn[0][1], view, own)
 
     def _contours(self, view: View, call: int, hits: HitBuffer, before: Drawn, own: Bools) -> None:
         """The contours of a surface, where it is not itself in front of them."""
@@ -149,26 +153,28 @@ class Tracer:
         for number, value in enumerate(values.tolist()):
             here = found[found["number"] == number]
             style = StrokeStyle(contours.width, contours.color, 1.0, value, contours.labels)
-            lines = here["from"], here["to"], here["pixel"].astype(np.int64)
+            pixel = here["pixel"].astype(np.int64)
+            # next to a silhouette, a line may lie on a pixel whose centre shows no surface
+            there = hits.depth[pixel]
+            lines = here["from"], here["to"], pixel, np.where(np.isfinite(there), there, here["depth"])
             self._keep(style, (call, 1 + number), lines, before, hits, draw_call.view_of(view), own)
 
     def _keep(
         self,
         style: StrokeStyle,
         place: Place,
-        lines: tuple[Floats, Floats, Ints],
+        lines: ShortLines,
         others: Sequence[tuple[DrawCall, HitBuffer]],
         hits: HitBuffer,
         view: View,
         own: Bools,
     ) -> None:
-        """Store lines (n, 2) to (n, 2) of an object on pixels (n,), faded by the surfaces in front of them."""
-        starts, ends, pixel = lines
+        """Store short lines of an object, faded by the surfaces in front of them."""
+        starts, ends, pixel, depth = lines
         depths = np.zeros((len(pixel), 0))
         if has_segments(self.painter.scene):
-            depths = np.stack([depths_at(view, hits, pixel, places) for places in (starts, ends)], axis=1)
+            depths = np.stack([depths_at(view, hits, pixel, depth, places) for places in (starts, ends)], axis=1)
         through = np.ones(len(pixel))
-        depth = hits.depth[pixel]
         with np.errstate(invalid="ignore"):
             for draw_call, other in others:
                 through[other.depth[pixel] < depth * (1.0 - SAME)] *= 1.0 - draw_call.opacity
@@ -179,9 +185,11 @@ class Tracer:
             self.found.setdefault(fainter, []).append((place, starts[here], ends[here], depths[here]))
 
 
-def depths_at(view: View, hits: HitBuffer, pixel: Ints, places: Floats) -> Floats:
-    """Depths (n,) of a surface at places (n, 2) next to the centres of pixels (n,): of its tangent planes there."""
-    depth = hits.depth[pixel]
+def depths_at(view: View, hits: HitBuffer, pixel: Ints, depth: Floats, places: Floats) -> Floats:
+    """Depths (n,) of a surface at places (n, 2) next to the centres of pixels (n,): of its tangent planes there.
+
+    depth  (n,) at the centres
+    """
     normal = hits.normal[pixel]
     origin, direction = view.rays_of(pixel)
     points = origin + depth[:, None] * direction
