@@ -142,3 +142,28 @@ def test_a_case_is_damaged_reproducibly(tmp_path):
         mutations.damage(tmp_path / "a.xml", np.random.default_rng(3))
         found.append((tmp_path / "a.xml").read_bytes())
     assert found[0] == found[1] != sound
+
+
+#: a process with a copy of it that takes 60 MB more, once it is told to
+LIBRARY = """
+import os, sys, time
+kept = bytearray(os.urandom(1 << 20)) * 30
+print(flush=True)
+sys.stdin.readline()
+child = os.fork()
+if not child:
+    more = bytearray(os.urandom(1 << 20)) * 60
+    time.sleep(0.3)
+    os._exit(0)
+os.waitpid(child, 0)
+"""
+
+
+def test_the_memory_of_libraries_processes_counts():
+    work = loaded("work")
+    pipe = subprocess.PIPE
+    with subprocess.Popen([sys.executable, "-c", LIBRARY], stdin=pipe, stdout=pipe, text=True) as process:
+        process.stdout.readline()
+        with work.Below() as below:
+            process.communicate("go\n")
+    assert 55 << 10 < below.grown < 70 << 10

@@ -13,6 +13,7 @@ import traceback
 import warnings
 from contextlib import suppress
 from pathlib import Path
+from threading import Event, Thread
 
 import mutations
 import numpy as np
@@ -29,6 +30,9 @@ BASE, PER_BYTE = 300 << 10, 20
 
 #: bytes of address space that cases may take beyond what the process has
 ROOM = 6 << 30
+
+#: seconds between two looks at the memory of libraries' processes
+PERIOD = 0.005
 
 #: bytes about which a file is as likely to be chosen as an empty one
 LIGHT = 20_000
@@ -95,9 +99,45 @@ class Worker:
         before = _resident()
         _forget_peak()
         start = _seconds()
-        kind, message = outcome_of(action, paths)
-        seconds = _seconds() - start
-        return {"kind": kind, "message": message, "seconds": round(seconds, 3), "memory": max(0, _peak() - before)}
+        with Below() as below:
+            kind, message = outcome_of(action, paths)
+            seconds = _seconds() - start
+        memory = max(0, _peak() - before) + below.grown
+        return {"kind": kind, "message": message, "seconds": round(seconds, 3), "memory": memory}
+
+
+class Below:
+    """Memory of the processes below this one while a block runs: libraries read files in processes of their own.
+
+    grown  kilobytes that they took at most beyond what they, or the processes they are copies of, had before
+    """
+
+    def __init__(self):
+        self.grown = 0
+        self._before = dict(_resident_below(os.getpid()))
+        self._is_over = Event()
+        self._thread = Thread(target=self._watch, daemon=True)
+
+    def __enter__(self):
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self._is_over.set()
+        self._thread.join()
+
+    def _watch(self):
+        while not self._is_over.wait(PERIOD):
+            self.grown = max(self.grown, self._now(os.getpid(), 0))
+
+    def _now(self, process, above):
+        """Growth of the processes below one; new ones are copies of it, and have its memory ``above`` at first."""
+        total = 0
+        for child in _children(process):
+            base = self._before.get(child, above)
+            total += max(0, _peak(child) - base) if base else 0
+            total += self._now(child, base)
+        return total
 
 
 def keep(kept, reader, kind, number, folder):
@@ -159,10 +199,25 @@ def _seconds():
     return time.process_time() + own.children_user + own.children_system + _seconds_below(os.getpid())
 
 
+def _children(process):
+    """Processes that the main thread of a process has started; none if it has ended."""
+    try:
+        return Path(f"/proc/{process}/task/{process}/children").read_text().split()
+    except (FileNotFoundError, ProcessLookupError):
+        return []
+
+
+def _resident_below(process):
+    """The processes below one, and their kilobytes."""
+    for child in _children(process):
+        yield child, _resident(child)
+        yield from _resident_below(child)
+
+
 def _seconds_below(process):
     """Seconds of a process's children that nobody has waited for, theirs included: libraries' processes and copies."""
     total = 0.0
-    for child in Path(f"/proc/{process}/task/{process}/children").read_text().split():
+    for child in _children(process):
         with suppress(FileNotFoundError, ProcessLookupError):
             # columns 14 to 17 are ticks, of it and of those it waited for; the second, in parentheses, is its name
             columns = Path(f"/proc/{child}/stat").read_text().rpartition(")")[2].split()
@@ -170,14 +225,20 @@ def _seconds_below(process):
     return total
 
 
-def _resident():
-    return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() // 1024
+def _resident(process="self"):
+    """Kilobytes of a process, 0 if it has ended."""
+    with suppress(FileNotFoundError, ProcessLookupError):
+        return int(Path(f"/proc/{process}/statm").read_text().split()[1]) * resource.getpagesize() // 1024
+    return 0
 
 
 def _forget_peak():
     Path("/proc/self/clear_refs").write_text("5")
 
 
-def _peak():
-    line = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM"))
-    return int(line.split()[1])
+def _peak(process="self"):
+    """Largest kilobytes of a process so far, 0 if it has ended."""
+    with suppress(FileNotFoundError, ProcessLookupError):
+        status = Path(f"/proc/{process}/status").read_text().splitlines()
+        return next((int(line.split()[1]) for line in status if line.startswith("VmHWM")), 0)
+    return 0
