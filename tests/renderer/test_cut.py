@@ -7,7 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from elvis import Status
+from elvis import Plane, Status
+from elvis.core.shapes import Shape
+from elvis.core.testing import curved, grid, ripple
+from elvis.renderer.passes.plane import cut
 from elvis.renderer.passes.plane.cut import Cutter
 from elvis.renderer.raster.pixels import BORDER, INSIDE, NOBODY, UNKNOWN, Pixels, resolve
 from elvis.renderer.raster.tiles import TILE, tiles_of
@@ -140,3 +143,24 @@ def test_the_winning_candidate_is_shown_with_its_value():
     assert dict(zip(found["pixel"].tolist(), found["element"].tolist(), strict=True)) == {7: 12, 5: 20, 9: 21}
     assert (found["field"] == found["element"]).all()
     assert (found["reference"] == found["element"][:, None]).all()
+
+
+@pytest.mark.parametrize("shape", [Shape.TETRAHEDRON, Shape.PRISM], ids=lambda shape: shape.label)
+def test_sections_drawn_a_few_at_a_time_give_the_same_picture(draw, linear, shape, monkeypatch):
+    dataset = linear(curved(grid(shape, 3), ripple(0.2, seed=3), 4))
+    scene = {"plane": Plane((0.5, 0.5, 0.5), (0.2, -0.3, 1.0)), "size": (60, 51)}
+    whole = draw(dataset, **scene)
+    monkeypatch.setattr(cut, "_SECTIONS", 7)
+    lengths = []
+    draw_sections = Cutter._draw_sections
+
+    def counted(self, number, view, sections, image):
+        lengths.append(len(sections))
+        return draw_sections(self, number, view, sections, image)
+
+    monkeypatch.setattr(Cutter, "_draw_sections", counted)
+    in_blocks = draw(dataset, **scene)
+    assert max(lengths) == 7
+    assert len(lengths) > 3
+    for name in ("status", "element", "field", "reference"):
+        assert np.array_equal(getattr(in_blocks, name), getattr(whole, name), equal_nan=True)

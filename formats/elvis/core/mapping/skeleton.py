@@ -180,7 +180,7 @@ def _net_sizes(count: int) -> Floats:
 
 def _within(mesh: Mesh, points: Floats) -> Floats:
     """The points, with coordinates beyond the mesh's space zero."""
-    if mesh.space == 3:
+    if not points[:, mesh.space :].any():
         return points
     result: Floats = np.where(np.arange(3) < mesh.space, points, 0.0)
     return result

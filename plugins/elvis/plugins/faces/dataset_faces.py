@@ -101,11 +101,21 @@ def _sides(mesh: Mesh, shape: Shape, ids: Ints) -> Iterator[tuple[Shape, Floats,
 
     Triangles of the mesh count first, then quadrilaterals.
     """
-    rows = mesh.of(shape).rows_of(ids)
-    numbers = _plane_numbers(mesh, shape, rows) if shape.dimension == 2 else mesh.of(shape).members[rows]
+    numbers = _faces_of_elements(mesh, shape, ids)
     places = frames(shape)
     for kind, local in faces_by_shape(shape):
-        yield kind, places[local], numbers[:, local]
+        is_only_kind = len(local) == len(places)
+        yield kind, places[local], numbers if is_only_kind else numbers[:, local]
+
+
+def _faces_of_elements(mesh: Mesh, shape: Shape, ids: Ints) -> Ints:
+    """(n, k) numbers in the mesh of the faces of elements; those of all elements of a shape without a copy."""
+    entities = mesh.of(shape)
+    if shape.dimension == 2:
+        return _plane_numbers(mesh, shape, entities.rows_of(ids))
+    if np.array_equal(ids, entities.ids):
+        return entities.members
+    return entities.members[entities.rows_of(ids)]
 
 
 def _extruded_sides(mesh: Mesh, shape: Shape, ids: Ints) -> Iterator[tuple[Shape, Floats, Ints]]:

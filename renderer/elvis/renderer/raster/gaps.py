@@ -63,7 +63,7 @@ class Gaps:
         if is_draft():
             return
         free: Bools = np.asarray(pixels.owner == NOBODY).reshape(view.height, view.width)
-        bent = [self._bent_ones(number, within(view, some)) for number, some in enumerate(sections)]
+        bent = [within(view, self._bent_ones(number, some)) for number, some in enumerate(sections)]
         if not sum(map(len, bent)) or not free.any():
             return
 

@@ -11,6 +11,7 @@ from time import perf_counter
 import numpy as np
 
 from elvis.core.base.arrays import Records
+from elvis.core.mapping.orientation import chunks
 from elvis.plugins.runtime.volume import Part
 from elvis.renderer.device.device import Device, Given, Kernel, guess_nodes
 from elvis.renderer.device.drafts import is_draft
@@ -25,6 +26,9 @@ from elvis.renderer.volume.device_volume import DeviceVolume
 from elvis.scene.cameras.view import PlaneView
 from elvis.scene.record.conditioning import doubt, slanted
 from elvis.scene.record.frame import Status
+
+#: sections that are drawn at a time
+_SECTIONS = 1 << 16
 
 
 @dataclass
@@ -66,7 +70,7 @@ class Cutter:
         for number in range(len(self.parts)):
             with self.clock.stage("cull"):
                 every.append(self._sections(number, view))
-                sections.append(every[number][(every[number]["least"] <= every[number]["most"]).all(axis=1)])
+                sections.append(_visible(every[number]))
             if len(sections[number]):
                 candidates.append(self._draw_part(number, view, sections[number], image))
         with self.clock.stage("read"):
@@ -101,6 +105,14 @@ class Cutter:
 
     def _draw_part(self, number: int, view: PlaneView, sections: Records, image: Given) -> Records:
         """All stages for one part; returns the deferred candidates, searched again, with indices in the volume."""
+        # guesses take hundreds of bytes for each section, so only those of some sections are in memory at a time
+        blocks = chunks(len(sections), _SECTIONS)
+        candidates = [self._draw_sections(number, view, sections[block], image) for block in blocks]
+        with self.clock.stage("retry"):
+            return self._retry(number, view, np.concatenate(candidates))
+
+    def _draw_sections(self, number: int, view: PlaneView, sections: Records, image: Given) -> Records:
+        """Draw sections of one part; returns the deferred candidates."""
         part, buffers = self.parts[number], {**self.buffers[number], **image}
 
         # a guess of the inverse map for every section
@@ -118,11 +130,9 @@ class Cutter:
             tiles = tiles_by_section(sections["least"], sections["most"], view, draw.dtype("tiles"))
             buffers["tiles"] = self.device.buffer(tiles)
             buffers["view"] = self._view(draw, view, number, len(tiles))
-            candidates = self.device.appended(
+            return self.device.appended(
                 "candidates", draw, lambda lists: draw(len(tiles), {**buffers, **lists}, groups=True)
             )
-        with self.clock.stage("retry"):
-            return self._retry(number, view, candidates)
 
     def _sections(self, number: int, view: PlaneView) -> Records:
         """Sections of one part, in order of elements."""
@@ -173,6 +183,12 @@ class Cutter:
 def _candidates(device: Device, count: int) -> Records:
     """Empty Candidate records (cut.slang)."""
     return np.zeros(count, device.kernel("cut_commit").dtype("candidates"))
+
+
+def _visible(sections: Records) -> Records:
+    """The sections with pixels: all of them without a copy."""
+    has_pixels = (sections["least"] <= sections["most"]).all(axis=1)
+    return sections if has_pixels.all() else sections[has_pixels]
 
 
 def _doubt_cracks(pixels: Pixels, view: PlaneView) -> None:
