@@ -1,21 +1,15 @@
-import shutil
-
 import numpy as np
 import pytest
+from browsers import find_browser
 
 from elvis import Dataset, write
 from elvis.core.testing import approximated, curved, mixed_volume, ripple
-
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 
 @pytest.fixture(scope="session")
 def browser():
     """The command of a Chromium; ``make test`` installs one where it can."""
-    found = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if found is None:
-        pytest.skip(f"needs a browser: {' or '.join(BROWSERS)}")
-    return found
+    return find_browser()
 
 
 @pytest.fixture(scope="session")

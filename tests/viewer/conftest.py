@@ -1,13 +1,13 @@
 """A viewer of a small dataset, served by a loop in a thread of its own."""
 
 import asyncio
-import shutil
 import threading
 from concurrent.futures import Future
 from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
+from browsers import find_browser
 from driving import PATIENCE, settled
 
 from elvis import Dataset, Shape, write
@@ -115,11 +115,8 @@ def start():
 def browser():
     """A browser; tests that need one are left out where there is none."""
     playwright = pytest.importorskip("playwright.sync_api")
-    path = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-    if path is None:
-        pytest.skip("needs a browser: chromium or google-chrome")
     with playwright.sync_playwright() as tools:
-        own = tools.chromium.launch(executable_path=path, args=["--no-sandbox", "--disable-gpu"])
+        own = tools.chromium.launch(executable_path=find_browser(), args=["--no-sandbox", "--disable-gpu"])
         yield own
         own.close()
 
