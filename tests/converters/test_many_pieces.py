@@ -2,6 +2,8 @@
 
 import sys
 
+import cgns_writing
+import numpy as np
 import pytest
 
 import elvis
@@ -102,6 +104,23 @@ def gmsh_pieces(folder, count):
         yield write(folder / f"m_{i + 1}.msh", MSH.format(nodes=nodes, element=i + 1, part=i + 1, corners=corners))
 
 
+def cgns_zones(folder, count):
+    """Squares in a row, each a zone with a boundary condition and a family of its own, in one file."""
+    zones, families = [], []
+    for i in range(count):
+        points = np.array([(x + i, float(y)) for x, y in SQUARE])
+        square = cgns_writing.section("cells", 7, 1, np.arange(4)[None])
+        side = cgns_writing.section("side", 3, 2, np.array([[0, 1]]))
+        wall = cgns_writing.condition("wall", "PointList", [[2]], "EdgeCenter", f"family{i}")
+        values = cgns_writing.solution("flow", None, {"u": np.arange(4.0)})
+        conditions = cgns_writing.conditions(wall)
+        zones.append(cgns_writing.unstructured(f"zone{i}", points, 1, square, side, conditions, values))
+        families.append(cgns_writing.node(f"family{i}", "Family_t"))
+    path = folder / "a.cgns"
+    cgns_writing.write_hdf5(path, [cgns_writing.base(*zones, *families, dimension=2)], 4.0)
+    yield path
+
+
 def write(path, text):
     path.write_text(text)
     return path
@@ -124,7 +143,8 @@ def calls_of(function):
 
 
 @pytest.mark.parametrize(
-    ("pieces", "package"), [(vtk_pieces, "vtkmodules"), (mfem_pieces, "mfem"), (gmsh_pieces, "gmsh")]
+    ("pieces", "package"),
+    [(vtk_pieces, "vtkmodules"), (mfem_pieces, "mfem"), (gmsh_pieces, "gmsh"), (cgns_zones, "h5py")],
 )
 def test_the_work_of_pieces_is_proportional_to_their_number(tmp_path, pieces, package):
     pytest.importorskip(package)

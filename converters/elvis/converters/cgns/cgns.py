@@ -31,6 +31,9 @@ _NULL = "Null"
 #: above the version of any library
 _NO_VERSION = 100
 
+#: labels of nodes of families that define functions of elements and of solutions
+_INTERPOLATIONS = ("ElementInterpolation_t", "SolutionInterpolation_t")
+
 #: units of a base, in the order of the standard
 _UNITS = ("mass", "length", "time", "temperature", "angle")
 
@@ -89,12 +92,15 @@ class Cgns(NodalConverter):
             self.time = times[step]
         moment = _Moment(base, step)
         families = {each.name: each for each in base.labelled("Family_t")}
+        interpolating = [own for own in families.values() if any(own.labelled(label) for label in _INTERPOLATIONS)]
         dimension, physical = base.ints(2).tolist()
         if not 1 <= dimension <= 3 or not dimension <= physical <= 3:
             raise FormatError(f"expected dimensions 1 to 3, found {dimension} and {physical}", place=base.place)
         version = _version(root)
         zones = [
-            _ZoneReading(read_zone(node, dimension, physical, version, moment.coordinates(node)), families)
+            _ZoneReading(
+                read_zone(node, dimension, physical, version, moment.coordinates(node)), families, interpolating
+            )
             for node in moment.zones()
         ]
         self._set(zones, moment)
@@ -107,14 +113,16 @@ class Cgns(NodalConverter):
         is_joined = len(kept) > 1
         ids = vertices = 0
         boundaries: dict[str, list[tuple[int, Ints, Ints]]] = {}
+        blocks: list[Elements] = []
         for reading in kept:
             reading.part(moment.solutions(reading.zone.node), is_joined)
-            first = len(self.blocks)
-            self.blocks = [*self.blocks, *reading.blocks(ids, vertices, is_joined)]
+            first = len(blocks)
+            blocks += reading.blocks(ids, vertices, is_joined)
             for name, group, rows, sides in reading.boundaries():
                 boundaries.setdefault(name, []).append((first + group, rows, sides))
             ids += 1 + max(int(group.numbers.max()) for group in reading.zone.cells)
             vertices += reading.zone.vertex_count
+        self.blocks = blocks
         self.boundaries = [Boundary(name, sides=sides) for name, sides in boundaries.items()]
         self._set_fields(kept, moment)
         self._set_remarks(kept)
@@ -135,9 +143,12 @@ class Cgns(NodalConverter):
         self.is_conforming = not any(reading.is_abutting for reading in zones)
         sizes = {reading.zone.points.dtype.itemsize for reading in zones}
         self.precision = SINGLE if np.dtype(np.float32).itemsize in sizes else DOUBLE
+        notes, warnings = [*self.notes], [*self.warnings]
         for reading in zones:
-            self.notes = [*self.notes, *reading.zone.notes, *reading.open_functions()]
-            self.warnings = [*self.warnings, *reading.zone.warnings, *reading.warnings]
+            notes += [*reading.zone.notes, *reading.open_functions()]
+            warnings += [*reading.zone.warnings, *reading.warnings]
+        self.notes = notes
+        self.warnings = warnings
 
     def _set_fields(self, zones: Sequence[_ZoneReading], moment: _Moment) -> None:
         """The fields of all zones, brought together by name and place."""
@@ -204,10 +215,15 @@ class _Moment:
 
 @dataclass(eq=False)
 class _ZoneReading:
-    """A zone that is converted into blocks, one for each of its groups of cells."""
+    """A zone that is converted into blocks, one for each of its groups of cells.
+
+    families       of the base, by name
+    interpolating  those that define functions
+    """
 
     zone: Zone
     families: dict[str, Node]
+    interpolating: list[Node]
 
     def __post_init__(self) -> None:
         self.warnings: list[str] = []
@@ -254,9 +270,9 @@ class _ZoneReading:
         return group
 
     def _zone_families(self) -> list[Node]:
-        """The families that the zone names; all of the base where it names none."""
+        """The families that the zone names; where it names none, those of the base that define functions."""
         names = [each.text().split("/")[-1] for each in _name_nodes(self.zone.node)]
-        return [self.families[name] for name in names if name in self.families] or list(self.families.values())
+        return [self.families[name] for name in names if name in self.families] or self.interpolating
 
     def blocks(self, ids: int, vertices: int, is_joined: bool) -> Iterator[Elements]:
         """The blocks: cells are numbered from ``ids``, vertices from ``vertices`` on."""

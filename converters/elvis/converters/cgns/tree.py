@@ -118,10 +118,11 @@ class Hdf5Node(Node):
         import h5py
 
         found: list[Node] = []
+        links = self._group.id.links
         for name in self._group:
             if name.startswith(" "):
                 continue
-            if not isinstance(self._group.get(name, getlink=True), h5py.HardLink):
+            if links.get_info(name.encode("utf-8", "surrogateescape")).type != h5py.h5l.TYPE_HARD:
                 raise FormatError("expected data in the file itself, found a link", place=f"{self.place}/{name}")
             member = self._group[name]
             if isinstance(member, h5py.Group):
