@@ -118,31 +118,33 @@ def drop_copies(parts: Sequence[Part]) -> int:
 
 
 class PartsByPlace:
-    """Lists of parts by the cell of a coarse lattice in which the mean of their first vertices lies."""
+    """Lists of parts by the cell of a coarse lattice in which the marks of their first vertices lie.
+
+    Means alone are equal for grids around one point, whose boxes differ.
+    """
 
     def __init__(self, grids: Sequence[Grid]) -> None:
         ends = [end for grid in grids if len(grid.points) for end in (grid.points.min(axis=0), grid.points.max(axis=0))]
-        # means of parts that coincide differ by less
+        # marks of parts that coincide differ by less
         self._margin = 2 * _SAME_PLACE * float(np.ptp(ends, axis=0).max()) if ends else 0.0
         self._width = 100 * self._margin or 1.0
         self._found: dict[tuple[float, ...], list[list[Part]]] = {}
 
     def add(self, parts: list[Part]) -> None:
         """Append a list."""
-        self._found.setdefault(self._cell(_mean(parts)), []).append(parts)
+        cell = tuple(np.floor(_marks(parts) / self._width).tolist())
+        self._found.setdefault(cell, []).append(parts)
 
     def coincident(self, parts: Sequence[Part]) -> list[Part] | None:
         """A list with the same cells as these parts."""
         return next((each for each in self._near(parts) if _coincide(each, parts)), None)
 
     def _near(self, parts: Sequence[Part]) -> Iterator[list[Part]]:
-        """The lists whose means are so near to the mean of these parts that the cells may coincide."""
-        corners = product((-self._margin, self._margin), repeat=3)
-        cells = dict.fromkeys(self._cell(_mean(parts) + np.array(corner)) for corner in corners)
+        """The lists whose marks are so near to the marks of these parts that the cells may coincide."""
+        marks = _marks(parts)
+        low, high = (np.floor((marks + shift) / self._width).tolist() for shift in (-self._margin, self._margin))
+        cells = product(*(dict.fromkeys(ends) for ends in zip(low, high, strict=True)))
         return (each for cell in cells for each in self._found.get(cell, ()))
-
-    def _cell(self, place: Floats) -> tuple[float, ...]:
-        return tuple(np.floor(place / self._width).tolist())
 
 
 def _coincide(parts: Sequence[Part], others: Sequence[Part]) -> bool:
@@ -158,7 +160,10 @@ def _coincide(parts: Sequence[Part], others: Sequence[Part]) -> bool:
     return True
 
 
-def _mean(parts: Sequence[Part]) -> Floats:
-    """(3,) mean of the first vertices of all cells; 0 without cells."""
+def _marks(parts: Sequence[Part]) -> Floats:
+    """(9,) mean, least and greatest coordinates of the first vertices of all cells; 0 without cells."""
     first = [part.places(part.nodes[:, part.cell.vertex_nodes()[0]]) for part in parts]
-    return np.asarray(np.concatenate([np.zeros((0, 3)), *first]).mean(axis=0)) if first else np.zeros(3)
+    if not first:
+        return np.zeros(9)
+    every = np.concatenate(first)
+    return np.concatenate([every.mean(axis=0), every.min(axis=0), every.max(axis=0)])
