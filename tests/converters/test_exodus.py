@@ -283,6 +283,27 @@ def test_skipped_elements_and_sides_are_named(tmp_path):
     assert "mixed.e: 1 of the 2 sides of the boundary 'end' were skipped" in remarks
 
 
+def test_bars_are_a_curve_where_there_is_nothing_else(tmp_path):
+    """The parabola y = x^2 from 0 to 2 in two parts, one of them given backwards."""
+    places = np.array([(x, x * x, 0) for x in (0.0, 1.0, 2.0, 0.5, 1.5)])
+    blocks = [ExodusBlock("wire", "BAR3", np.array([(0, 1, 3), (2, 1, 4)]))]
+    dataset = read(write_classic(tmp_path / "wire.e", blocks, places, {"left": [(1, 1)], "right": [(2, 1)]}))
+    length, moment = integrate(dataset, ["1", "x"])
+    assert length.value == pytest.approx(np.sqrt(17) + np.arcsinh(4) / 4, abs=1e-10)
+    assert moment.value == pytest.approx((17**1.5 - 1) / 12, abs=1e-10)
+    ends = {part.name: dataset.mesh.vertices[part.parts[0][1]] for part in dataset.mesh.composites[1:]}
+    assert ends.keys() == {"left", "right"}
+    assert np.allclose(ends["left"], [[0, 0, 0]], rtol=0, atol=1e-15)
+    assert np.allclose(ends["right"], [[2, 4, 0]], rtol=0, atol=1e-15)
+
+
+def test_beams_with_a_direction_are_skipped(tmp_path):
+    places, nodes = unit_cubes(1)
+    blocks = [ExodusBlock("solid", "HEX8", nodes), ExodusBlock("beam", "BEAM", nodes[:, :4])]
+    remarks = " ".join(read(write_classic(tmp_path / "mixed.e", blocks, places)).remarks)
+    assert "mixed.e: 1 elements of lower dimension were skipped" in remarks
+
+
 def test_missing_elements_are_an_error(tmp_path):
     path = cubes_in_blocks(tmp_path / "row.e", write_hdf5, (1, 2))
     with h5py.File(path, "a") as file:
@@ -423,7 +444,7 @@ def test_elements_with_a_node_inside_have_the_functions_of_vtk(tmp_path, name, k
     ("name", "count", "words"),
     [
         ("TETRA11", 11, "expected a tetrahedron of 4, 10, 14 or 15 nodes, found TETRA11 of 11"),
-        ("NSIDED", 5, "expected elements of the shapes triangle, quadrilateral, .*, found the type NSIDED"),
+        ("NSIDED", 5, "expected elements of the shapes segment, triangle, .*, found the type NSIDED"),
     ],
 )
 def test_unknown_elements_are_named(tmp_path, name, count, words):

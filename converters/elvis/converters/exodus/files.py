@@ -6,6 +6,7 @@ Layout and numbering: Schoof and Yarberry, EXODUS II: A Finite Element Data Mode
 from __future__ import annotations
 
 import re
+import sys
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -28,6 +29,10 @@ _FAULTS = (ValueError, TypeError, LookupError, OSError, ArithmeticError, Attribu
 
 #: beginnings of the names of types
 _NAMES = {
+    "BAR": Shape.SEGMENT,
+    "BEAM": Shape.SEGMENT,
+    "TRUSS": Shape.SEGMENT,
+    "EDGE": Shape.SEGMENT,
     "TET": Shape.TETRAHEDRON,
     "HEX": Shape.HEXAHEDRON,
     "WED": Shape.PRISM,
@@ -51,6 +56,8 @@ _FACES_OF_TETRAHEDRON = [(0, 1, 2), (1, 2, 3), (0, 2, 3), (0, 1, 3)]
 #: nodes beyond the corners, each the mean of these corners, by shape and number of nodes; the centroid of a pyramid is
 #: a quarter of its height above the base
 _MIDDLES: Mapping[tuple[Shape, int], list[tuple[int, ...]]] = {
+    (Shape.SEGMENT, 2): [],
+    (Shape.SEGMENT, 3): [(0, 1)],
     (Shape.TRIANGLE, 3): [],
     (Shape.TRIANGLE, 6): [*_TRIANGLE],
     (Shape.TRIANGLE, 7): [*_TRIANGLE, (0, 1, 2)],
@@ -87,6 +94,7 @@ _MIDDLES: Mapping[tuple[Shape, int], list[tuple[int, ...]]] = {
 
 #: corners of the sides, in the order of their numbers
 SIDES: Mapping[Shape, list[tuple[int, ...]]] = {
+    Shape.SEGMENT: [(0,), (1,)],
     Shape.TRIANGLE: [*_TRIANGLE],
     Shape.QUADRILATERAL: [*_SQUARE],
     Shape.TETRAHEDRON: [(0, 1, 3), (1, 2, 3), (0, 2, 3), (0, 1, 2)],
@@ -97,9 +105,12 @@ SIDES: Mapping[Shape, list[tuple[int, ...]]] = {
 
 
 def shape_of(name: str, nodes: int, path: Path) -> Shape | None:
-    """The shape of a type of elements; None for lines and points; raises FormatError for unsupported types."""
+    """The shape of a type of elements; None for points and for lines of other nodes, such as beams with a direction.
+
+    Raises FormatError for unsupported types.
+    """
     kind = re.sub(r"[^A-Z].*", "", name.upper())
-    if kind.startswith(("BAR", "BEAM", "TRUSS", "EDGE", "SPHERE", "CIRCLE", "NULL")):
+    if kind.startswith(("SPHERE", "CIRCLE", "NULL")):
         return None
     shape = next((shape for start, shape in _NAMES.items() if kind.startswith(start)), None)
     if kind.startswith("SHELL") and nodes in (3, 6, 7):
@@ -108,6 +119,8 @@ def shape_of(name: str, nodes: int, path: Path) -> Shape | None:
         labels = ", ".join(dict.fromkeys(known.label.lower() for known, _ in _MIDDLES))
         raise FormatError(f"expected elements of the shapes {labels}, found the type {name}", file=path)
     if (shape, nodes) not in _MIDDLES:
+        if shape is Shape.SEGMENT:
+            return None
         *first, last = (str(count) for known, count in _MIDDLES if known is shape)
         expected = f"a {shape.label.lower()} of {', '.join(first)} or {last} nodes"
         raise FormatError(f"expected {expected}, found {name} of {nodes}", file=path)
@@ -239,7 +252,10 @@ def _mapped(path: Path) -> Any:
                 warnings.simplefilter("ignore", RuntimeWarning)
                 super().close()
 
-        __del__ = close
+        def __del__(self) -> None:
+            # at the end of the program the module of warnings may be gone
+            if not sys.is_finalizing():
+                self.close()
 
     return Mapped(_CheckedFile(path), "r", mmap=True)
 
