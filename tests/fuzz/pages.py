@@ -1,9 +1,10 @@
 """Damaged messages to a running viewer: ``python tests/fuzz/pages.py [--messages 20000] [--seed N]``.
 
 Two pages look at one ``elvis view``.  The first sends messages with damage, files to be read again among them; the
-second asks for the scene as lines of Python all the time, which the server answers without drawing.  A fault is an
-answer to the second page after more than a second, a question of the first page without an answer, a line on the
-terminal that is no sentence of ElVis, a drawing process of more than 4 GiB, and the end of the server.
+second asks for the scene as lines of Python all the time, which the server answers without drawing, and whether ``u``
+is a quantity, which the drawing process answers.  A fault is an answer to the second page after more than a second, a
+question of the first page without an answer, a line on the terminal that is no sentence of ElVis, a drawing process of
+more than 4 GiB, and the end of the server.
 """
 
 from __future__ import annotations
@@ -44,6 +45,8 @@ WAITING = 20
 MEMORY = 4 << 30
 #: lines on the terminal
 USUAL = re.compile(r"^elvis: (note|warning|error): |^Press Ctrl-C|http://")
+#: what the second page asks: the server, and the drawing process
+SHORT = ({"type": "copy", "content": "Python"}, {"type": "check", "content": "u"})
 #: damage to the text of a message
 KINDS = (*mutations.TEXT, mutations.revalue)
 
@@ -146,12 +149,15 @@ def memory_below(process: int) -> int:
 
 async def look(page: Page, process: int, faults: list[str], waits: list[float], sizes: list[int]) -> None:
     """Ask for the lines of the scene, again and again; how long the answers take, less what this process is late."""
+    # the data are opened first
+    await page.ask(json.dumps({"id": -1, **SHORT[-1]}), -1)
+    page.slowest = 0.0
     for number in range(1 << 30):
         start = perf_counter()
         await asyncio.sleep(PAUSE)
         late = perf_counter() - start - PAUSE
         try:
-            seconds = await page.ask(json.dumps({"type": "copy", "id": number, "content": "Python"}), number) - late
+            seconds = await page.ask(json.dumps({"id": number, **SHORT[number % len(SHORT)]}), number) - late
         except asyncio.TimeoutError:
             seconds = PATIENCE
         waits.append(seconds)

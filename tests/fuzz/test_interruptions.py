@@ -5,7 +5,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import click
+import interruptions
 import pytest
+
+from elvis.plugins.command.command import elvis
 
 FOLDER = Path(__file__).parent
 
@@ -17,6 +21,11 @@ def run(folder, script, *options):
     done = subprocess.run(command, capture_output=True, text=True, env=environment)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
+
+
+def test_every_command_is_interrupted():
+    commands = elvis.list_commands(click.Context(elvis))
+    assert set(interruptions.COMMANDS) == {*commands, "help"}
 
 
 def test_nothing_is_lost(tmp_path):
