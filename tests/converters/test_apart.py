@@ -23,12 +23,14 @@ from elvis.core.base.errors import ElvisError, FormatError
 
 WORKER = """
 import os, resource, signal, sys, time
+from elvis.converters.shared import apart
 from elvis.core.base.errors import ElvisError, FormatError
 class Worker:
     def same(self, *given):
         return list(given)
     def limits(self):
-        return [resource.getrlimit(resource.RLIMIT_AS)[0], signal.getitimer(signal.ITIMER_PROF)[0]]
+        left = resource.getrlimit(resource.RLIMIT_DATA)[0] - apart._data()
+        return [left, signal.getitimer(signal.ITIMER_PROF)[0]]
     def origin(self, *changed):
         self.changed = changed or getattr(self, "changed", None)
         return self.changed[0] if self.changed else os.getppid()
@@ -76,13 +78,13 @@ def test_numbers_texts_and_arrays_come_back_as_they_were(worker):
         ("while True: pass", "one on which the library takes too long"),
         ("os.abort()", "one on which the library fails"),
         ("os._exit(0)", "one on which the library fails"),
-        ("large = bytes(1 << 30)", "one on which the library fails"),
+        ("large = bytes(1 << 28)", "one on which the library fails"),
         ("print('x' * 10000)\nraise ValueError", "one on which the library fails"),
     ],
 )
 def test_a_failure_has_a_reason(worker, monkeypatch, how, reason):
     monkeypatch.setattr(apart, "SECONDS", 1)
-    monkeypatch.setattr(apart, "MEMORY", 1 << 29)
+    monkeypatch.setattr(apart, "STACK", 0)
     with Apart(worker, 0) as process, pytest.raises(LibraryError) as caught:
         process.ask("fail", how, size=0)
     assert caught.value.reason == reason
@@ -116,7 +118,7 @@ def test_limits_grow_with_the_files(worker):
     for size, seconds in ((0, apart.SECONDS), (10 * apart.BYTES_PER_SECOND, apart.SECONDS + 10)):
         with Apart(worker, size) as process:
             memory, left = process.ask("limits", size=size)
-        assert memory == apart.MEMORY + apart.MEMORY_PER_BYTE * size
+        assert apart.limit_for(size) - (16 << 20) < memory <= apart.limit_for(size)
         assert seconds - 1 < left < seconds + 0.5
 
 

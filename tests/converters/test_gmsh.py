@@ -487,3 +487,16 @@ def test_the_mesh_of_a_miniapp(findings, session, tmp_path):
     for at in range(places.shape[1]):
         local = np.tile(points.reshape(-1, 3)[at, :2], (len(own), 1))
         assert np.abs(positions_at(done, blocks[0], rows, local) - places[:, at]).max() < 1e-13
+
+
+def test_a_file_that_takes_more_memory_than_allowed_is_rejected(tmp_path):
+    """A point of a small file declares 2^27 physical groups, for which the library takes 512 MiB."""
+    import struct
+
+    one, point = struct.pack("<i", 1), struct.pack("<4Qi3dQ", 1, 0, 0, 0, 1, 0.0, 0.0, 0.0, 1 << 27)
+    head = b"$MeshFormat\n4.1 1 8\n" + one + b"\n$EndMeshFormat\n"
+    none = b"$Nodes\n" + bytes(32) + b"\n$EndNodes\n$Elements\n" + bytes(32) + b"\n$EndElements\n"
+    file = tmp_path / "many.msh"
+    file.write_bytes(head + b"$Entities\n" + point + b"\n$EndEntities\n" + none)
+    with pytest.raises(FormatError, match=r"many\.msh: .*more than the library has memory for"):
+        Gmsh([file])

@@ -90,17 +90,21 @@ class Library:
         return [f"Gmsh: {warning.replace(path, named.name)}" for warning in warnings]
 
     def _log(self, path: str) -> list[str]:
-        """The lines that the library logs when it opens a file."""
+        """The lines that the library logs when it opens a file; the last one is the reason why it failed, if it did."""
         self._gmsh.clear()
         self._gmsh.logger.start()
-        with suppress(Exception):  # the log says what
+        failures = list[str]()
+        try:
             self._gmsh.open(path)
+        except Exception as error:  # noqa: BLE001 - the library has no other type
+            # the log says why, but for a lack of memory
+            failures.append(f"{_ERROR}{str(error) or 'more than the library has memory for'}")
         try:
             lines = list(self._gmsh.logger.get())
         except UnicodeDecodeError:
             lines = [f"{_ERROR}names that are not text"]
         self._gmsh.logger.stop()
-        return lines
+        return [*lines, *failures]
 
 
 #: elements of one type in an entity: its dimension and tag, the type, their tags (n,) and nodes (n, k)

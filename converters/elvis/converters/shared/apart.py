@@ -32,8 +32,11 @@ from numpy.typing import NDArray
 from elvis.converters.shared.copies import IS_POSSIBLE, Copy, copied
 from elvis.core.base.errors import ElvisError, FormatError
 
-#: bytes of memory at most: this many, and this many for each byte of the files
-MEMORY, MEMORY_PER_BYTE = 4 << 30, 200
+#: bytes of memory at most, beyond what the process has with its library: this many, and this many for each byte of the
+#: files, which may be compressed
+MEMORY, MEMORY_PER_BYTE = 192 << 20, 200
+#: bytes of the stack of a thread; libraries may start one for each processor
+STACK = 16 << 20
 
 #: seconds of the processor at most for one question: this many, and one for this many bytes of the files or the reply
 SECONDS, BYTES_PER_SECOND = 4, 1 << 18
@@ -81,7 +84,7 @@ class Apart:
     """
 
     def __init__(self, worker: str, size: int) -> None:
-        self._memory = MEMORY + MEMORY_PER_BYTE * size
+        self._memory = limit_for(size)
         self._process = launched(worker, self._memory)
         self._end = weakref.finalize(self, _ended, self._process)
         self._patience = _LOADING
@@ -128,6 +131,11 @@ class Apart:
         return found[0]
 
 
+def limit_for(size: int) -> int:
+    """Bytes of memory that a library may take for files of this size in bytes."""
+    return MEMORY + STACK * (os.cpu_count() or 1) + MEMORY_PER_BYTE * size
+
+
 def ignore_closed_pipes() -> None:
     """Make writing to a closed pipe an exception again, as Python does.
 
@@ -166,14 +174,14 @@ def alone(worker: str, memory: int) -> NoReturn:
     nothing = os.open(os.devnull, os.O_RDWR)
     os.dup2(nothing, 0)  # the library's own input and output are not messages
     os.dup2(nothing, 1)
-    _limit("RLIMIT_AS", memory)
     serve(make(worker), requests, replies, memory)
 
 
 def serve(made: Any, requests: int, replies: int, memory: int) -> NoReturn:
     """Reply to the requests of a worker until none are left."""
     _limit("RLIMIT_CORE", 0)
-    _limit("RLIMIT_AS", memory)
+    if taken := _data():
+        _limit("RLIMIT_DATA", taken + memory)
     with suppress(EOFError, OSError), os.fdopen(requests, "rb") as asked, os.fdopen(replies, "wb") as answers:
         while True:  # until the other process has ended
             method, seconds, *given = receive(asked, memory)
@@ -268,6 +276,15 @@ def _filled(stream: IO[bytes], array: NDArray[np.uint8]) -> NDArray[np.uint8]:
             raise EOFError
         at += count
     return array
+
+
+def _data() -> int:
+    """Bytes of this process that `RLIMIT_DATA` counts; 0 where the system does not report them."""
+    try:
+        with open("/proc/self/status", encoding="ascii", errors="replace") as status:
+            return next((1024 * int(line.split()[1]) for line in status if line.startswith("VmData")), 0)
+    except OSError:
+        return 0
 
 
 def _limit(name: str, value: int) -> None:
