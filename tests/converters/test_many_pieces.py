@@ -8,6 +8,7 @@ import pytest
 
 import elvis
 from elvis import Shape
+from elvis.converters.shared.apart import Apart
 
 #: the work of four times as many pieces beyond that of twice as many is twice the work of twice as many beyond that
 #: of one time; for work that grows with the square it is four times
@@ -186,3 +187,20 @@ def test_the_work_of_pieces_is_proportional_to_their_number(tmp_path, pieces, pa
     assert 0 < four - two <= MOST_GROWTH * (two - one)
     squares = 4 if pieces is vtk_rings else 1
     assert len(elvis.read(*paths).mesh.entities[Shape.QUADRILATERAL]) == squares * COUNTS[-1]
+
+
+@pytest.mark.parametrize(("pieces", "package"), [(vtk_pieces, "vtkmodules"), (gmsh_pieces, "gmsh")])
+def test_the_memory_of_a_library_follows_the_largest_piece(tmp_path, monkeypatch, pieces, package):
+    """It reads one piece after the other, so a damaged small one may not take what all of them may."""
+    pytest.importorskip(package)
+    sizes = []
+    start = Apart.__init__
+
+    def noted(self, worker, size):
+        sizes.append(size)
+        start(self, worker, size)
+
+    monkeypatch.setattr(Apart, "__init__", noted)
+    paths = list(pieces(tmp_path, 12))
+    elvis.read(*paths, cache=False)
+    assert sizes[-1] == max(path.stat().st_size for path in paths)

@@ -450,8 +450,84 @@ BINARY: dict[str, Maker] = {
     "native": native_hdf5,
 }
 
+
+def table(rows: Floats | Ints, start: str = "", end: str = "\n") -> str:
+    """Numbers (n, k), a line for each row."""
+    return "".join(start + " ".join(map(str, row)) + end for row in rows.tolist())
+
+
+def text_boxes(size: int, width: int) -> tuple[Ints, Ints]:
+    """`boxed` with whole coordinates, for texts in which a tetrahedron takes about ``width`` bytes."""
+    points, cells = boxed(size, width // 4)
+    return points.astype(np.int64), cells
+
+
+def text_gmf(size: int) -> Files:
+    """Matching tetrahedra in a GMF text."""
+    points, cells = text_boxes(size, 24)
+    return gmf(Vertices=lines(table(points, end=" 0\n")), Tetrahedra=lines(table(cells + 1, end=" 1\n")))
+
+
+def text_mfem(size: int) -> Files:
+    """Matching tetrahedra in an MFEM text."""
+    points, cells = text_boxes(size, 26)
+    return mfem(lines(table(cells, "1 4 ")), lines(table(points)).replace("\n", "\n3\n", 1))
+
+
+def text_gmsh(size: int) -> Files:
+    """Matching tetrahedra in a text of Gmsh's version 2.2."""
+    points, cells = text_boxes(size, 34)
+    return gmsh(numbered(table(cells + 1, "4 0 ")), numbered(table(points)))
+
+
+def text_gmsh4(size: int) -> Files:
+    """Matching tetrahedra in a text of Gmsh's version 4.1."""
+    points, cells = text_boxes(size, 30)
+    count, end = len(points), int(points.max())
+    text = f"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Entities\n0 0 0 1\n1 0 0 0 {end} {end} {end} 0 0\n$EndEntities\n"
+    text += f"$Nodes\n1 {count} 1 {count}\n3 1 0 {count}\n{table(np.arange(1, count + 1)[:, None])}{table(points)}"
+    body = table(np.column_stack([np.arange(1, len(cells) + 1), cells + 1]))
+    text += f"$EndNodes\n$Elements\n1 {len(cells)} 1 {len(cells)}\n3 1 4 {len(cells)}\n{body}$EndElements\n"
+    return {"a.msh": text.encode()}
+
+
+def text_vtk(size: int) -> Files:
+    """Matching tetrahedra in a legacy VTK text."""
+    points, cells = text_boxes(size, 26)
+    count = len(cells)
+    places = f"POINTS {len(points)} double\n{table(points)}"
+    return legacy(places, f"CELLS {count} {5 * count}\n{table(cells, '4 ')}", f"CELL_TYPES {count}\n" + "10\n" * count)
+
+
+def text_netgen(size: int) -> Files:
+    """Matching tetrahedra in a mesh of Netgen's."""
+    points, cells = text_boxes(size, 26)
+    return netgen(lines(table(points)), lines(table(cells + 1, "1 4 ")))
+
+
+def text_native(size: int) -> Files:
+    """Matching tetrahedra in the native format's XML."""
+    from elvis import Dataset, Shape, write
+    from elvis.core.mapping.connectivity import connected
+
+    points, cells = boxed(size, 56)
+    mesh = connected(points, {Shape.TETRAHEDRON: cells})
+    return written(lambda path: write(Dataset(mesh), path, mesh_format="text"), "a.xml")
+
+
+TEXTS: dict[str, Maker] = {
+    "gmf": text_gmf,
+    "mfem": text_mfem,
+    "gmsh": text_gmsh,
+    "gmsh 4.1": text_gmsh4,
+    "vtk": text_vtk,
+    "netgen": text_netgen,
+    "native": text_native,
+}
+
 READERS: dict[str, dict[str, Maker]] = {
-    "binary": BINARY, "native": NATIVE, "gmf": GMF, "mfem": MFEM, "gmsh": GMSH, "vtk": VTK, "ngsolve": NGSOLVE,
+    "texts": TEXTS, "binary": BINARY, "native": NATIVE,
+    "gmf": GMF, "mfem": MFEM, "gmsh": GMSH, "vtk": VTK, "ngsolve": NGSOLVE,
     "nurbs": NURBS, **ARRAYS,
 }  # fmt: skip
 

@@ -144,7 +144,8 @@ class Functions(ShapeFunctions):
 
 def read_meshes(files: Sequence[Contents]) -> list[Mesh]:
     """The meshes of files; raises FormatError with the library's first complaint."""
-    size = sum(each.path.stat().st_size for each in files)
+    # the library forgets each file before the next, so a small file among large ones allows no more than the largest
+    size = max(each.path.stat().st_size for each in files)
     with Apart(_WORKER, size) as library:
         return [_read_mesh(each, library) for each in files]
 

@@ -131,10 +131,12 @@ def read(paths: Sequence[Path], step: int = -1) -> tuple[list[Grid], list[Path]]
     every = _with_pieces([path for path, _ in files])
     rows = {piece for path, _ in files if kind_of(path) == "hdf" for piece in _pieces(path)}
     files = [(path, time) for path, time in files if path not in rows]
-    size = _checked_size(every)
+    _checked_size(every)
+    parts = dict.fromkeys((part, when) for path, when in files for part in _parts(path))
     grids: list[Grid] = []
-    with _Reader(size) as reader:
-        for part, when in dict.fromkeys((part, when) for path, when in files for part in _parts(path)):
+    # a small file among large ones allows no more than the largest
+    with _Reader(max((_size(_with_pieces([part])) for part, _ in parts), default=0)) as reader:
+        for part, when in parts:
             found = [Grid(str(part), **own) for own in reader.grids(part, step)]
             for grid in found:
                 grid.time = grid.time if when is None else when
@@ -159,7 +161,7 @@ def array_names(path: Path) -> frozenset[str]:
 class _Reader(ExitStack):
     """Reads HDF5 files without the library, and starts the library for the first other file.
 
-    size  in bytes of all files
+    size  in bytes of all files that one of its questions may be about
     """
 
     def __init__(self, size: int) -> None:
@@ -176,7 +178,8 @@ class _Reader(ExitStack):
             return read_vtkhdf(path, step)
         if self._library is None:
             self._library = self.enter_context(Apart(_WORKER, self._size))
-        found: list[dict[str, Any]] = _ask(self._library, path, self._size, "grids", str(path), kind_of(path))
+        size = _size(_with_pieces([path]))
+        found: list[dict[str, Any]] = _ask(self._library, path, size, "grids", str(path), kind_of(path))
         return found
 
 
@@ -209,9 +212,14 @@ def _with_pieces(paths: Sequence[Path]) -> list[Path]:
     return list(every)
 
 
+def _size(paths: Sequence[Path]) -> int:
+    """Bytes of all files."""
+    return sum(path.stat().st_size for path in paths)
+
+
 def _checked_size(paths: Sequence[Path]) -> int:
     """Bytes of all files; raises FormatError if one declares more than these hold."""
-    size = sum(path.stat().st_size for path in paths)
+    size = _size(paths)
     for path in paths:
         _check_counts(path, size)
     return size
