@@ -44,15 +44,17 @@ class Corners:
     """The vertices of straight elements, which their maps share.
 
     vertices  (v, 3)  world coordinates of all vertices of the mesh
-    rows      (n, m) rows of the vertices that are an element's modes, in their order
+    rows      (n, m) rows of an element's vertices, in the local order of its shape
+    modes     the local vertex that each mode is
     """
 
     vertices: Floats
     rows: Ints
+    modes: tuple[int, ...]
 
     def take(self, which: Ints) -> Corners:
         """The corners of some of the elements."""
-        return Corners(self.vertices, frozen_view(self.rows[which]))
+        return Corners(self.vertices, frozen_view(self.rows[which]), self.modes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,8 +256,8 @@ class Assembly:
         if not self.is_straight:
             return None
         own = self.vertices if len(self.rows) == len(self.vertices) else self.vertices[self.rows]
-        rows = narrow_ints(own, len(self.skeleton.vertices))[:, _vertex_order(self.expansion)]
-        return Corners(self.skeleton.vertices, frozen_view(rows))
+        rows = narrow_ints(own, len(self.skeleton.vertices))
+        return Corners(self.skeleton.vertices, rows, tuple(_vertex_order(self.expansion)))
 
     @property
     def is_straight(self) -> bool:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.base.arrays import Floats, Ints, frozen_floats, frozen_ints, joined_columns
+from elvis.core.base.arrays import Floats, Ints, concatenated, frozen_floats, frozen_ints, joined_columns
 from elvis.core.base.threads import Once
 from elvis.core.data.dataset import Homogeneous
 from elvis.core.mapping.orientation import even_chunks
@@ -78,7 +78,7 @@ class Elements:
 
     def part(self) -> Part:
         """The part: fields are evaluated directly, quantities of several fields from one stack of them all."""
-        shape, ids = self.geometry.shape, np.concatenate([p.element_ids for p in self.patches])
+        shape, ids = self.geometry.shape, concatenated([p.element_ids for p in self.patches])
         lengths = self.series.lengths if self.series else ()
         key = "maps", self.geometry, lengths, ids.tobytes()
         with self._keep(key, Once).started(lambda: Maps.of(self.patches, self.geometry)) as found:

@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from elvis.core.base.arrays import Floats, frozen_floats
+from elvis.core.base.arrays import Floats, concatenated, frozen_floats
 from elvis.core.base.threads import Once
 from elvis.core.mapping.boxes import Boxes, element_boxes
 from elvis.core.mapping.patch import Patch
@@ -33,7 +33,7 @@ class Maps:
     @staticmethod
     def of(patches: Sequence[Patch], space: BernsteinSpace) -> Maps:
         """The maps of all elements of some patches, in one space."""
-        boxes = np.concatenate([element_boxes(patch) for patch in patches])
+        boxes = concatenated([element_boxes(patch) for patch in patches])
         return Maps(*_control_points(patches, space), boxes)
 
 
@@ -56,7 +56,7 @@ def _control_points(patches: Sequence[Patch], space: BernsteinSpace) -> tuple[Fl
     found = (_vertex_rows(patch, space) for patch in patches)
     rows = [own for own in found if own is not None]
     if corners is not None and len(rows) == len(patches):
-        return corners.vertices, np.concatenate(rows)
+        return corners.vertices, concatenated(rows)
     points = np.concatenate([_controls(patch, space) for patch in patches]).reshape(-1, 3)
     count = len(points) if space.degrees[0] == 1 else 1
     return frozen_floats(points), np.arange(count, dtype=np.uint32)
@@ -70,7 +70,12 @@ def _vertex_rows(patch: Patch, space: BernsteinSpace) -> NDArray[np.uint32] | No
     is_choice = np.isin(matrix, (0, 1)).all() and (matrix.sum(axis=0) == 1).all()
     if not is_choice:
         return None
-    return patch.corners.rows.astype(np.uint32)[:, matrix.argmax(axis=0)].reshape(-1)
+    vertices = np.array(patch.corners.modes)[matrix.argmax(axis=0)]
+    rows = patch.corners.rows
+    if not np.array_equal(vertices, np.arange(rows.shape[1])):
+        rows = rows[:, vertices]
+    # the rows of simplices are in order: no copy is made of them
+    return (rows.view(np.uint32) if rows.dtype == np.int32 else rows.astype(np.uint32)).reshape(-1)
 
 
 def _controls(patch: Patch, space: BernsteinSpace) -> Floats:
