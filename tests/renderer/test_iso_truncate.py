@@ -24,8 +24,8 @@ FOUND = {
 }
 #: logarithms are in single precision
 SINGLE = 1e-6
-#: largest error of models: some cases have none
-MODEL_OFF = 2.0
+#: largest error of models, and of models of the highest degree in multiples of that: some cases have none
+MODEL_OFF, COARSE = 0.02, 100
 
 
 class Models(SubElements):
@@ -112,6 +112,6 @@ def test_errors_of_models_have_left_terms_rounding_and_those_of_the_series(model
     assert found["moved"] == pytest.approx(moved, rel=SINGLE)
     assert found["error"] == pytest.approx(error, rel=SINGLE, abs=0)
     assert found["derivative_error"] == pytest.approx(turned * models.stretch, rel=SINGLE, abs=0)
-    is_close = np.maximum(moved, error / models.steepest) <= MODEL_OFF
+    is_close = np.maximum(moved, error / models.steepest) <= COARSE * MODEL_OFF
     assert np.array_equal(found["degree"], np.where(is_close, 2, 0))
     assert 0 < is_close.sum() < COUNT

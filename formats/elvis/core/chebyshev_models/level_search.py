@@ -43,7 +43,7 @@ _LEAST_HALF = 1 / 64
 #: nodes per direction of models on parts of boxes
 _NODES_OF_PARTS = 12
 #: tolerated error of series, including terms that local ones drop, relative to their range
-_LOCAL_PART = 5e-4
+_LOCAL_PART = 1e-4
 #: share of that in terms that are dropped while boxes are bisected
 _OF_DROPPED = 0.05
 #: share of the tolerated error that plans for products with a condition may use: parts of a box have smaller ranges

@@ -67,7 +67,8 @@ _MOST_FACTORS = 1024
 _SOURCE = """import formula; import elementary; import eigenvalues;
 struct Given : IFormula
 {{
-    static double at<V : IVolume>(uint element, double3 r, double3 about)
+    static bool has_frame() {{ return {has_frame}; }}
+    static double at<V : IVolume>(uint element, double3 r, double3 about, Frame frame)
     {{
         {value}
     }}
@@ -153,6 +154,7 @@ class Formula:
         if parts > _MOST:
             raise ElvisError(f"expected an expression of at most {_MOST} parts in pictures, found {parts}")
         bodies = {
+            "has_frame": [str(self._has_frame(leaves(self.expression.root), ())).lower()],
             "value": self._value(),
             "gradient": self._gradient(),
             "condition": self._condition(),
@@ -165,15 +167,16 @@ class Formula:
         return f"import distances; {text}" if self.targets else text
 
     def _value(self) -> Iterator[str]:
-        """The value at a point."""
+        """The value at a point with a known frame."""
         yield from self._number(self.expression.root)
 
     def _condition(self) -> Iterator[str]:
         """The value of `spurious` at a point."""
         if self.spurious is None:
             yield "return -1.0lf;"
-        else:
-            yield from self._number(self.spurious)
+            return
+        yield from self._frame(leaves(self.spurious), ())
+        yield from self._number(self.spurious)
 
     def _number(self, root: Node) -> Iterator[str]:
         yield from self._ingredients(leaves(root), ())
@@ -307,17 +310,27 @@ class Formula:
             yield "return differences<V, Given>(element, r);"
             return
         parts = self._parts
-        yield from self._ingredients(leaves(*parts.values()), list(parts))
+        used = leaves(*parts.values())
+        yield from self._frame(used, list(parts))
+        yield from self._ingredients(used, list(parts))
         names = yield from self._statements(self._numbers, *parts.values())
         terms = [f"{names[part]} * {self._gradient_of(leaf)}" for leaf, part in parts.items()]
         yield f"return {' + '.join(terms) or 'double3(0.0lf, 0.0lf, 0.0lf)'};"
 
-    def _ingredients(self, used: Sequence[Node], varying: Sequence[Node]) -> Iterator[str]:
-        """Ingredients of the leaves: the frame, values and gradients of fields (also in the world)."""
+    def _frame(self, used: Sequence[Node], varying: Sequence[Node]) -> Iterator[str]:
+        """The frame at a point if ingredients of the leaves use it."""
+        if self._has_frame(used, varying):
+            yield "Frame frame = V(element).frame(r);"
+
+    @staticmethod
+    def _has_frame(used: Sequence[Node], varying: Sequence[Node]) -> bool:
+        """Whether ingredients of the leaves use the frame."""
         placed = any(leaf.op == "coordinate" or target_of(leaf.name) is not None for leaf in (*used, *varying))
         framed = placed or any(leaf.axes for leaf in used)
-        if framed or any(leaf.op == "attribute" and not is_constant(leaf.name) for leaf in used):
-            yield "Frame frame = V(element).frame(r);"
+        return framed or any(leaf.op == "attribute" and not is_constant(leaf.name) for leaf in used)
+
+    def _ingredients(self, used: Sequence[Node], varying: Sequence[Node]) -> Iterator[str]:
+        """Ingredients of the leaves with a known frame: values and gradients of fields (also in the world)."""
         if any(target_of(leaf.name) is not None for leaf in (*used, *varying)):
             count = len(self.targets)
             yield f"Near nears[{count}];"
