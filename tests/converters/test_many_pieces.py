@@ -9,6 +9,7 @@ import pytest
 import elvis
 from elvis import Shape
 from elvis.converters.shared.apart import Apart
+from elvis.plugins.command.command import main
 
 #: the work of four times as many pieces beyond that of twice as many is twice the work of twice as many beyond that
 #: of one time; for work that grows with the square it is four times
@@ -148,6 +149,13 @@ def write(path, text):
     return path
 
 
+def run(*words):
+    """A command that ends well."""
+    with pytest.raises(SystemExit) as end:
+        main([str(word) for word in words])
+    assert not end.value.code
+
+
 def calls_of(function):
     """The number of calls of Python functions in a call."""
     count = 0
@@ -204,3 +212,18 @@ def test_the_memory_of_a_library_follows_the_largest_piece(tmp_path, monkeypatch
     paths = list(pieces(tmp_path, 12))
     elvis.read(*paths, cache=False)
     assert sizes[-1] == max(path.stat().st_size for path in paths)
+
+
+@pytest.mark.parametrize("command", ["convert", "probe"])
+def test_the_work_of_commands_is_proportional_to_the_number_of_pieces(tmp_path, monkeypatch, command):
+    pytest.importorskip("gmsh")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    counted = []
+    for count in (2, *COUNTS):  # what is loaded once doesn't count
+        folder = tmp_path / str(count)
+        folder.mkdir()
+        options = ("-o", folder / "a.xml") if command == "convert" else ("--point", "0.5,0.5", "--field", "x")
+        words = (command, *gmsh_pieces(folder, count), *options)
+        counted.append(calls_of(lambda words=words: run(*words)))
+    _, one, two, four = counted
+    assert 0 < four - two <= MOST_GROWTH * (two - one)
