@@ -76,7 +76,7 @@ struct Given : IFormula
     {{
         {gradient}
     }}
-    static double condition<V : IVolume>(uint element, double3 r)
+    static double condition<V : IVolume>(uint element, double3 r, Frame frame)
     {{
         {condition}
     }}
@@ -171,12 +171,11 @@ class Formula:
         yield from self._number(self.expression.root)
 
     def _condition(self) -> Iterator[str]:
-        """The value of `spurious` at a point."""
+        """The value of `spurious` at a point with a known frame."""
         if self.spurious is None:
             yield "return -1.0lf;"
-            return
-        yield from self._frame(leaves(self.spurious), ())
-        yield from self._number(self.spurious)
+        else:
+            yield from self._number(self.spurious)
 
     def _number(self, root: Node) -> Iterator[str]:
         yield from self._ingredients(leaves(root), ())
