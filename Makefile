@@ -14,10 +14,12 @@ EXTENDING  := tests/benchmarks tests/plugins
 HOUSE      := tests/house
 OTHERS     := $(filter-out $(DRAWING) $(CONVERTING) $(REFERENCE) $(EXTENDING) $(HOUSE) tests/__pycache__,$(patsubst %/,%,$(wildcard tests/*/)))
 
-# run_tests OPTIONS: every set, also after one that failed
+# run_tests OPTIONS: every set, also after one that failed; tests that draw also wait, for browsers and other processes
 define run_tests
-@failed=; for set in "$(DRAWING)" "$(CONVERTING)" "$(REFERENCE)" "$(EXTENDING)" "$(HOUSE)" "$(OTHERS)"; do \
-	$(RUN) -m pytest --numprocesses auto --maxprocesses 4 --dist worksteal $(1) $$set || failed="$$failed $$set"; \
+@failed=; processors=$$(getconf _NPROCESSORS_ONLN); \
+for set in "$(DRAWING)" "$(CONVERTING)" "$(REFERENCE)" "$(EXTENDING)" "$(HOUSE)" "$(OTHERS)"; do \
+	test "$$set" = "$(DRAWING)" && count=$$((processors + 1)) || count=$$processors; \
+	$(RUN) -m pytest --numprocesses $$count --maxprocesses 4 --dist worksteal $(1) $$set || failed="$$failed $$set"; \
 done; test -z "$$failed" || { echo "not all tests passed in:$$failed"; exit 1; }
 endef
 
